@@ -1,0 +1,1 @@
+"""The site in pybullet: robots, soil, puddles, obstacles, UAV cameras."""
