@@ -1,0 +1,1 @@
+"""Owns missions: graph, assignment, dispatch, failure policy, journal."""

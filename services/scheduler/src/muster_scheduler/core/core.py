@@ -1,0 +1,99 @@
+"""The one door to the state: `Core.handle(event) -> list[Effect]`."""
+
+from muster_schemas.mission import TaskStatus
+
+from . import attempts, missions, outcomes, presence, readiness
+from .effects import Effect
+from .events import (
+    AnyEvent,
+    MissionControlled,
+    MissionSubmitted,
+    ObjectsChanged,
+    RobotOffline,
+    RobotOnline,
+    RulesObeyed,
+    SelectorBound,
+    Started,
+    StatusReceived,
+    TaskBlocked,
+    TaskDispatched,
+    TaskImpossible,
+    Tick,
+)
+from .state import Agenda, State, Task
+from .transitions import InvalidTransition
+from .turn import Turn
+
+
+class Core:
+    """The state and what events do to it. Pure: the same events always give the same state and the same effects."""
+
+    def __init__(self) -> None:
+        self.state = State()
+
+    def handle(self, event: AnyEvent) -> list[Effect]:
+        """Change the state by one event and return what is to be done about it.
+
+        Raises:
+            NotPossibleError: the event is a caller's wish that cannot be; nothing has changed.
+            InvalidTransition: a bug; the state must be built again from the journal.
+
+        """
+        turn = Turn(self.state, event.at)
+        match event:
+            case StatusReceived():
+                attempts.hear(turn, event.status)
+            case MissionSubmitted():
+                missions.submit(turn, event)
+            case MissionControlled():
+                missions.control(turn, event.control)
+            case Tick():
+                presence.tick(turn)
+            case SelectorBound():
+                self._bind(turn, event)
+            case TaskDispatched() | TaskBlocked() | TaskImpossible():
+                self._decided(turn, event)
+            case Started() | RobotOnline() | RobotOffline() | RulesObeyed() | ObjectsChanged():
+                presence.seen(turn, event)
+        return turn.end()
+
+    def take_agenda(self) -> Agenda:
+        """Return what policy should look at now, and forget it."""
+        agenda = self.state.agenda
+        self.state.agenda = Agenda()
+        return agenda
+
+    def next_deadline(self) -> float | None:
+        """Return the time at which a `Tick` is wanted, if any."""
+        return self.state.timers[0][0] if self.state.timers else None
+
+    def _decided(self, turn: Turn, event: TaskDispatched | TaskBlocked | TaskImpossible) -> None:
+        task = self.state.task((event.mission_id, event.task_id))
+        if task is None or task.state is not TaskStatus.READY:
+            start, story = (task.state, task.story) if task else ("nowhere", ())
+            raise InvalidTransition(f"task {event.mission_id}/{event.task_id}", start, event.kind, story)
+        match event:
+            case TaskDispatched():
+                attempts.dispatch(turn, task, event)
+            case TaskBlocked():
+                attempts.blocked(turn, task, event.waiting_for)
+            case TaskImpossible():
+                self._fail(turn, task, event.reason)
+
+    @staticmethod
+    def _bind(turn: Turn, event: SelectorBound) -> None:
+        mission = turn.state.missions[event.mission_id]
+        mission.bound[event.selector] = event.robots
+        for task in mission.tasks.values():
+            if not task.state.ended:
+                readiness.bind(turn, mission, task)
+                readiness.refresh(turn, task)
+
+    @staticmethod
+    def _fail(turn: Turn, task: Task, reason: str) -> None:
+        mission = turn.state.missions[task.mission_id]
+        readiness.stop_waiting(turn, task)
+        task.error = reason
+        turn.move(task, TaskStatus.FAILED, reason)
+        outcomes.task_failed(turn, mission, task)
+        outcomes.maybe_end(turn, mission)

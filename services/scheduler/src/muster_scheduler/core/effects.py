@@ -1,0 +1,74 @@
+"""What the core wants done once the event that caused it is in the journal. Doing one twice equals doing it once."""
+
+from typing import Literal
+
+from muster_schemas.base import Message
+from muster_schemas.ids import Id
+from muster_schemas.mission import MissionState, TaskState
+from muster_schemas.robot import SkillRequest, StatusAck, TaskRef
+from muster_schemas.world import AreaRules
+
+
+class Send(Message):
+    """Send this request now and again until another for the same robot and attempt, or `Hush`, takes its place.
+
+    The sender fills in `issued_at` and `deadline` each time.
+    """
+
+    kind: Literal["send"] = "send"
+    request: SkillRequest
+
+
+class Hush(Message):
+    """The robot has answered: stop sending."""
+
+    kind: Literal["hush"] = "hush"
+    robot_id: Id
+    ref: TaskRef
+
+
+class Acknowledge(Message):
+    """Tell the agent that its word is in the journal."""
+
+    kind: Literal["acknowledge"] = "acknowledge"
+    skill: Id
+    ack: StatusAck
+
+
+class PublishMission(Message):
+    """A mission changed."""
+
+    kind: Literal["publish_mission"] = "publish_mission"
+    state: MissionState
+
+
+class PublishTask(Message):
+    """A task changed."""
+
+    kind: Literal["publish_task"] = "publish_task"
+    state: TaskState
+
+
+class RetractTask(Message):
+    """The task is no more (a plan that waited for approval was edited)."""
+
+    kind: Literal["retract_task"] = "retract_task"
+    mission_id: Id
+    task_id: Id
+
+
+class PublishAreas(Message):
+    """The area rules changed."""
+
+    kind: Literal["publish_areas"] = "publish_areas"
+    rules: AreaRules
+
+
+class LookFor(Message):
+    """Ask the cameras for objects that a task waits for."""
+
+    kind: Literal["look_for"] = "look_for"
+    objects: tuple[Id, ...]
+
+
+Effect = Send | Hush | Acknowledge | PublishMission | PublishTask | RetractTask | PublishAreas | LookFor

@@ -1,0 +1,243 @@
+"""Everything the scheduler knows, as plain data. Only the core changes it; policy reads it.
+
+What is marked `compare=False` is an index or a hint that can be rebuilt; the rest must equal the replay of the journal.
+"""
+
+from collections import deque
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from muster_schemas.mission import Approval, MissionStatus, Reason, TaskStatus
+from muster_schemas.plan import PlanTask
+from muster_schemas.robot import (
+    RequestAction,
+    RobotCard,
+    SkillStatusKind,
+    TargetObject,
+    TaskRef,
+)
+from muster_schemas.skills import PAPER_CATALOGUE, Catalogue, Skill
+from muster_schemas.world import AreaRules
+
+from .events import Order as RobotOrder
+from .events import Policy
+from .graph import TaskGraph
+from .queue import Order, TaskKey, WaitQueue
+
+RULE_VERBS = frozenset({"avoid", "allow"})
+"""Skills that change area rules: they take no time of the robot's own, so they run beside what it does."""
+REPEATABLE_VERBS = frozenset({"go", "home", "avoid", "allow", "load"})
+"""Skills of which a second start does no harm. A dig, dump or tip that was cut short has moved an unknown amount."""
+STORY_LENGTH = 12
+
+
+class Presence(StrEnum):
+    """What is known of a robot's agent."""
+
+    UNSEEN = "unseen"
+    """Not heard of since this scheduler started."""
+    ONLINE = "online"
+    OFFLINE = "offline"
+
+
+@dataclass(slots=True, frozen=True)
+class Selector:
+    """Robots by type: `count` of each type, or all of them; no types mean the whole fleet."""
+
+    types: tuple[str, ...]
+    count: int | None
+
+    @property
+    def name(self) -> str:
+        """Tell it from the other selectors of the mission; equal selectors mean the same robots."""
+        return f"{self.count or 'all'} {' + '.join(self.types) or 'robots'}"
+
+
+@dataclass(slots=True)
+class Run:
+    """One robot's part in the current attempt of a task."""
+
+    robot_id: str
+    boot_id: str
+    order: RobotOrder
+    state: SkillStatusKind | None = None
+    """As its agent last said; None before its first word."""
+    seq: int = -1
+    progress: float = 0.0
+    reason: str | None = None
+    asked: tuple[RequestAction, str] | None = None
+    """What is being sent, and to which life of the agent."""
+    lost: bool = False
+    """Closed without the robot's word: what it does, or did, is not known."""
+
+    @property
+    def over(self) -> bool:
+        """Whether nothing more will be heard of it that counts."""
+        return self.state is not None and self.state.final
+
+
+@dataclass(slots=True)
+class Task:
+    """One node of a mission's graph."""
+
+    mission_id: str
+    task_id: str
+    order: Order
+    name: str
+    skill: Skill
+    named: tuple[str, ...]
+    selector: Selector | None
+    objects: tuple[str, ...]
+    dependencies: tuple[str, ...]
+    unmet: set[str]
+    state: TaskStatus = TaskStatus.WAITING
+    robots: tuple[str, ...] = ()
+    waiting_for: tuple[str, ...] = ()
+    attempt: int = 0
+    runs: dict[str, Run] = field(default_factory=dict[str, Run])
+    targets: tuple[TargetObject, ...] = ()
+    rules_revision: int | None = None
+    closing: SkillStatusKind | None = None
+    """Why the attempt is being ended at all of its robots; CANCELLED when the mission is cancelled."""
+    closing_reason: str | None = None
+    failures: int = 0
+    refusals: int = 0
+    hold_until: float | None = None
+    """No start before then, after an attempt that did not work or while there is no room."""
+    missing: set[str] = field(default_factory=set[str])
+    """Objects that it needs and the map lacks."""
+    give_up_at: float | None = None
+    """When a wait for objects or room, or for an answer to a cancel, has lasted too long."""
+    no_room: str | None = None
+    error: str | None = None
+    revision: int = 0
+    ready_at: float | None = None
+    started_at: float | None = None
+    ended_at: float | None = None
+    story: deque[str] = field(default_factory=lambda: deque(maxlen=STORY_LENGTH))
+
+    @property
+    def key(self) -> TaskKey:
+        """Return what names it on the whole site."""
+        return self.mission_id, self.task_id
+
+    @property
+    def ref(self) -> TaskRef:
+        """Return what names the current attempt."""
+        return TaskRef(mission_id=self.mission_id, task_id=self.task_id, attempt=self.attempt)
+
+    @property
+    def active(self) -> bool:
+        """Whether an attempt is under way."""
+        return self.state in (TaskStatus.DISPATCHED, TaskStatus.RUNNING, TaskStatus.PAUSED)
+
+    @property
+    def is_rule(self) -> bool:
+        """Whether it changes area rules."""
+        return self.skill.verb in RULE_VERBS
+
+    @property
+    def needs_objects(self) -> bool:
+        """Whether its objects must be on the map; lifting a rule works for what has gone, too."""
+        return bool(self.objects) and self.skill.verb != "allow"
+
+
+@dataclass(slots=True)
+class Mission:
+    """What one instruction became."""
+
+    mission_id: str
+    number: int
+    """Missions are numbered as they come."""
+    text: str
+    priority: int
+    approval: Approval
+    created_at: float
+    state: MissionStatus = MissionStatus.PLANNING
+    reasons: tuple[Reason, ...] = ()
+    plan: tuple[PlanTask, ...] | None = None
+    tasks: dict[str, Task] = field(default_factory=dict[str, Task])
+    bound: dict[str, tuple[str, ...]] = field(default_factory=dict[str, tuple[str, ...]])
+    """Selector's name -> its robots."""
+    open_tasks: int = 0
+    unsuccessful: int = 0
+    active: set[str] = field(default_factory=set[str])
+    """Tasks with an attempt under way."""
+    cancelling: bool = False
+    stopping: dict[str, str] = field(default_factory=dict[str, str])
+    """After a cancel: per robot, what is known."""
+    revision: int = 0
+    started_at: float | None = None
+    ended_at: float | None = None
+    graph: TaskGraph = field(default_factory=lambda: TaskGraph({}), compare=False)
+    named: frozenset[str] = frozenset()
+    """Robots that the plan names."""
+
+
+@dataclass(slots=True)
+class LooseEnd:
+    """An attempt that is closed here but may still go on at the robot: it is told to stop until it answers."""
+
+    ref: TaskRef
+    skill: str
+    asked: str | None = None
+
+
+@dataclass(slots=True)
+class Robot:
+    """A robot that has been on the site."""
+
+    card: RobotCard
+    presence: Presence = Presence.ONLINE
+    holder: TaskKey | None = None
+    """The task that it is reserved for."""
+    loose_ends: dict[TaskKey, LooseEnd] = field(default_factory=dict[TaskKey, LooseEnd])
+    rules_revision: int = 0
+    rule_tasks: dict[TaskKey, None] = field(default_factory=dict[TaskKey, None])
+    """Tasks that wait for it to obey area rules."""
+
+    @property
+    def free(self) -> bool:
+        """Whether a task may have it now."""
+        return self.presence is Presence.ONLINE and self.holder is None and not self.loose_ends
+
+
+@dataclass(slots=True)
+class Agenda:
+    """What policy should look at: tasks that may be able to start, robots that may have become free."""
+
+    tasks: dict[TaskKey, None] = field(default_factory=dict[TaskKey, None])
+    robots: dict[str, None] = field(default_factory=dict[str, None])
+
+    def __bool__(self) -> bool:
+        return bool(self.tasks or self.robots)
+
+
+@dataclass(slots=True)
+class State:
+    """The whole."""
+
+    now: float = 0.0
+    epoch: int = 0
+    policy: Policy = field(default_factory=Policy)
+    catalogue: Catalogue = field(default=PAPER_CATALOGUE, compare=False)
+    missions: dict[str, Mission] = field(default_factory=dict[str, Mission])
+    by_state: dict[MissionStatus, dict[str, None]] = field(default_factory=lambda: {s: {} for s in MissionStatus})
+    by_idempotency_key: dict[str, str] = field(default_factory=dict[str, str])
+    robots: dict[str, Robot] = field(default_factory=dict[str, Robot])
+    objects: set[str] = field(default_factory=set[str])
+    rules: AreaRules = field(default_factory=lambda: AreaRules(revision=0))
+    wanting_object: dict[str, dict[TaskKey, None]] = field(default_factory=dict[str, dict[TaskKey, None]])
+    """Ready tasks by the objects that they need."""
+    wanting_robot: dict[str, WaitQueue] = field(default_factory=dict[str, WaitQueue])
+    """Ready tasks by each of their robots."""
+    wanting_type: dict[str, WaitQueue] = field(default_factory=dict[str, WaitQueue])
+    """Ready tasks whose selector is open, by type; under "" those that want the whole fleet."""
+    timers: list[tuple[float, TaskKey]] = field(default_factory=list[tuple[float, TaskKey]], compare=False)
+    """Heap of times at which a task may have to be looked at again."""
+    agenda: Agenda = field(default_factory=Agenda, compare=False)
+
+    def task(self, key: TaskKey) -> Task | None:
+        """Return a task, or None if there is none such."""
+        mission = self.missions.get(key[0])
+        return mission.tasks.get(key[1]) if mission else None

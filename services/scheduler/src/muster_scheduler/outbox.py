@@ -1,0 +1,116 @@
+"""Carries out effects: what is published once, and the requests that are sent until they are answered."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final
+
+from muster_bus import Bus
+from muster_schemas.channels import (
+    AREAS,
+    KEYWORDS,
+    MISSION_STATE,
+    SKILL_REQUEST,
+    STATUS_ACK,
+    TASK_STATE,
+)
+from muster_schemas.robot import SkillRequest, TaskRef
+from muster_schemas.world import Keywords
+
+from .core.effects import (
+    Acknowledge,
+    Effect,
+    Hush,
+    LookFor,
+    PublishAreas,
+    PublishMission,
+    PublishTask,
+    RetractTask,
+    Send,
+)
+
+REPEAT_S: Final = 0.5
+VALID_S: Final = 10.0
+"""A request that arrives later than this after it was sent is refused: it was held up somewhere."""
+
+
+@dataclass(slots=True)
+class _Outstanding:
+    request: SkillRequest
+    next_at: float
+
+
+class Outbox:
+    """Everything that goes out on the bus."""
+
+    def __init__(self, bus: Bus) -> None:
+        self._bus = bus
+        self._outstanding: dict[tuple[str, TaskRef], _Outstanding] = {}
+
+    def carry_out(self, effects: Iterable[Effect], at: float, now: float) -> None:
+        """Do the effects of one batch: robots first, and of several states of one thing only the last.
+
+        Args:
+            effects: in the order in which they arose; their events are in the journal.
+            at: wall time for messages.
+            now: monotonic time for repeats.
+
+        """
+        states: dict[tuple[str, ...], PublishTask | PublishMission | RetractTask | LookFor] = {}
+        areas: PublishAreas | None = None
+        requests: list[Send | Hush | Acknowledge] = []
+        for effect in effects:
+            match effect:
+                case PublishTask():
+                    states["task", effect.state.mission_id, effect.state.task_id] = effect
+                case RetractTask():
+                    states["task", effect.mission_id, effect.task_id] = effect
+                case PublishMission():
+                    states["mission", effect.state.mission_id] = effect
+                case LookFor():
+                    states["look", *effect.objects] = effect
+                case PublishAreas():
+                    areas = effect
+                case Send() | Hush() | Acknowledge():
+                    requests.append(effect)
+        if areas is not None:
+            self._bus.publish(AREAS, areas.rules)
+        for effect in requests:
+            self._address(effect, at, now)
+        for effect in states.values():
+            self._tell(effect)
+
+    def repeat(self, at: float, now: float) -> None:
+        """Send again what has waited long enough for an answer."""
+        for outstanding in self._outstanding.values():
+            if now >= outstanding.next_at:
+                outstanding.next_at = now + REPEAT_S
+                self._send(outstanding.request, at)
+
+    def look_for(self, objects: Iterable[str]) -> None:
+        """Ask the cameras for objects."""
+        self._bus.publish(KEYWORDS, Keywords(keywords=tuple(objects)[:64], asked_by="scheduler"))
+
+    def _address(self, effect: Send | Hush | Acknowledge, at: float, now: float) -> None:
+        match effect:
+            case Send(request=request):
+                self._outstanding[request.robot_id, request.ref] = _Outstanding(request, now + REPEAT_S)
+                self._send(request, at)
+            case Hush():
+                self._outstanding.pop((effect.robot_id, effect.ref), None)
+            case Acknowledge():
+                self._bus.publish(STATUS_ACK, effect.ack, robot_id=effect.ack.robot_id, skill=effect.skill)
+
+    def _send(self, request: SkillRequest, at: float) -> None:
+        fresh = request.model_copy(update={"issued_at": at, "deadline": at + VALID_S})
+        self._bus.publish(SKILL_REQUEST, fresh, robot_id=request.robot_id, skill=request.skill)
+
+    def _tell(self, effect: PublishTask | PublishMission | RetractTask | LookFor) -> None:
+        match effect:
+            case PublishTask(state=state):
+                self._bus.publish(TASK_STATE, state, mission_id=state.mission_id, task_id=state.task_id)
+            case PublishMission(state=state):
+                self._bus.publish(MISSION_STATE, state, mission_id=state.mission_id)
+            case RetractTask():
+                self._bus.retract(TASK_STATE, mission_id=effect.mission_id, task_id=effect.task_id)
+            case LookFor():
+                self.look_for(effect.objects)

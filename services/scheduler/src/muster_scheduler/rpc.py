@@ -1,0 +1,201 @@
+"""What planner, console and CLI ask of the scheduler: submit, control, missions, rules."""
+
+import asyncio
+import contextlib
+import heapq
+import time
+from collections.abc import AsyncGenerator, Awaitable, Callable, Iterable, Sequence
+from itertools import islice
+from typing import Final
+
+from muster_bus import Bus, Refusal
+from muster_schemas.channels import CONTROL, MISSIONS, RULES, SUBMIT
+from muster_schemas.gate import check_plan, unknown_objects
+from muster_schemas.ids import new_id
+from muster_schemas.mission import MissionStatus, MissionView, Reason
+from muster_schemas.plan import Plan
+from muster_schemas.rpc import (
+    ControlMission,
+    ControlReply,
+    ErrorCode,
+    ErrorReply,
+    MissionAction,
+    MissionsQuery,
+    MissionsReply,
+    RulesQuery,
+    SubmitMission,
+)
+from muster_schemas.world import AreaRules
+
+from .core.core import Core
+from .core.events import AnyEvent, MissionControlled, MissionSubmitted
+from .core.missions import NotPossibleError, changes_nothing, is_possible
+from .core.outcomes import NO_WORD
+from .core.state import Mission, Presence, State
+from .core.views import mission_state, mission_view
+from .engine import Engine
+from .journal import JournalUnavailableError
+from .outbox import Outbox
+
+LOOK_FOR_S: Final = 3.0
+"""How long a plan waits for its objects to be found before it is refused."""
+POLL_S: Final = 0.05
+CANCEL_REPLY_S: Final = 1.0
+"""How long a cancel waits for the robots' words before it answers with what is known."""
+LISTED_TASKS: Final = 10_000
+"""Of a list of missions, so many tasks are told; missions beyond come without plan and tasks."""
+ROBOTS_MAY_COME: Final = frozenset({"unknown_robot", "unknown_type", "too_few_robots", "not_all_robots"})
+
+Do = Callable[[Callable[[float], AnyEvent]], Awaitable[None]]
+
+
+class Desk:
+    """Answers the scheduler's queries."""
+
+    def __init__(self, engine: Engine, do: Do, outbox: Outbox) -> None:
+        self._engine = engine
+        self._do = do
+        self._outbox = outbox
+        self._opened_at = time.monotonic()
+
+    @contextlib.asynccontextmanager
+    async def serve(self, bus: Bus) -> AsyncGenerator[None]:
+        """Answer while entered."""
+        async with (
+            bus.serve(SUBMIT, self.submit),
+            bus.serve(CONTROL, self.control),
+            bus.serve(MISSIONS, self.missions),
+            bus.serve(RULES, self.rules),
+        ):
+            yield
+
+    async def submit(self, request: SubmitMission) -> ControlReply:
+        """Make a mission, or return the one that the same idempotency key has made."""
+        known = self._by_key(request)
+        if known is not None:
+            return _reply(known)
+        if request.plan is not None:
+            await self._pass_gate(request.plan)
+        mission_id = new_id("m")
+        try:
+            await self._happen(
+                lambda at: MissionSubmitted(
+                    at=at,
+                    mission_id=mission_id,
+                    text=request.text,
+                    tasks=request.plan.tasks if request.plan else None,
+                    priority=request.priority,
+                    approval=request.approval,
+                    idempotency_key=request.idempotency_key,
+                )
+            )
+        except Refusal:
+            known = self._by_key(request)  # the same request came twice at once, and the other one was first
+            if known is None:
+                raise
+            return _reply(known)
+        return _reply(self._state.missions[mission_id])
+
+    async def control(self, request: ControlMission) -> ControlReply:
+        """Act on a mission."""
+        state = self._state
+        if not changes_nothing(state, request):
+            mission = state.missions.get(request.mission_id)
+            if request.action is MissionAction.SET_PLAN:
+                if request.plan is None:
+                    raise Refusal.because(ErrorCode.INVALID, "set_plan needs a plan")
+                if mission is not None and is_possible(mission, request.action):
+                    await self._pass_gate(request.plan)
+            await self._happen(lambda at: MissionControlled(at=at, control=request))
+        if request.action is MissionAction.CANCEL:
+            await self._until(lambda: self._all_said(request.mission_id), CANCEL_REPLY_S)
+        return _reply(self._state.missions[request.mission_id])
+
+    async def missions(self, query: MissionsQuery) -> MissionsReply:
+        """Return one mission or the newest ones."""
+        state = self._state
+        if query.mission_id is not None:
+            mission = state.missions.get(query.mission_id)
+            if mission is None:
+                raise Refusal.because(ErrorCode.NOT_FOUND, f"there is no mission {query.mission_id}")
+            return MissionsReply(missions=(mission_view(mission),))
+        views: list[MissionView] = []
+        told = 0
+        for mission in _newest_first(state, query.states, query.limit):
+            told += len(mission.tasks)
+            brief = told > LISTED_TASKS
+            views.append(MissionView(mission=mission_state(mission)) if brief else mission_view(mission))
+        return MissionsReply(missions=tuple(views))
+
+    async def rules(self, _query: RulesQuery) -> AreaRules:
+        """Return the area rules that hold."""
+        return self._state.rules
+
+    @property
+    def _state(self) -> State:
+        return self._engine.core.state
+
+    def _by_key(self, request: SubmitMission) -> Mission | None:
+        mission_id = self._state.by_idempotency_key.get(request.idempotency_key or "")
+        return self._state.missions[mission_id] if mission_id else None
+
+    async def _happen(self, make: Callable[[float], AnyEvent]) -> None:
+        try:
+            await self._do(make)
+        except NotPossibleError as error:
+            raise Refusal.because(error.code, str(error)) from error
+        except JournalUnavailableError as error:
+            raise Refusal.because(ErrorCode.UNAVAILABLE, f"{error}; nothing has changed, try again later") from error
+
+    async def _pass_gate(self, plan: Plan) -> None:
+        """Return if the plan may run; first give the cameras, and just after the start the robots, time to show up."""
+        reasons = check(self._engine.core, plan)
+        missing = unknown_objects(reasons, plan, known_objects(self._state))
+        early = time.monotonic() - self._opened_at < LOOK_FOR_S and any(r.code in ROBOTS_MAY_COME for r in reasons)
+        hopeful = {"unknown_object", *(ROBOTS_MAY_COME if early else ())}
+        if reasons and (missing or early) and all(r.code in hopeful for r in reasons):
+            if missing:
+                self._outbox.look_for(missing)
+            await self._until(lambda: not check(self._engine.core, plan), LOOK_FOR_S)
+            reasons = check(self._engine.core, plan)
+        if reasons:
+            raise Refusal(
+                ErrorReply(
+                    code=ErrorCode.INVALID,
+                    message=f"The plan cannot run: {' '.join(r.message for r in reasons)}"[:2000],
+                    reasons=tuple(reasons),
+                )
+            )
+
+    def _all_said(self, mission_id: str) -> bool:
+        mission = self._state.missions[mission_id]
+        return mission.state.ended or NO_WORD not in mission.stopping.values()
+
+    @staticmethod
+    async def _until(condition: Callable[[], bool], within_s: float) -> None:
+        give_up = time.monotonic() + within_s
+        while not condition() and time.monotonic() < give_up:  # noqa: ASYNC110  (it changes by many ways)
+            await asyncio.sleep(POLL_S)
+
+
+def check(core: Core, plan: Plan) -> list[Reason]:
+    """Return the gate's reasons against a plan, with the robots and objects that are there now."""
+    state = core.state
+    roster = [r.card for _, r in sorted(state.robots.items()) if r.presence is Presence.ONLINE]
+    return check_plan(plan, roster, known_objects(state), state.catalogue)
+
+
+def known_objects(state: State) -> set[str]:
+    """Return the objects of the map, and those that rules are about: a rule can be lifted when its object has gone."""
+    return state.objects | {r.object_name for r in state.rules.rules}
+
+
+def _reply(mission: Mission) -> ControlReply:
+    return ControlReply(mission_id=mission.mission_id, state=mission.state, robots=dict(mission.stopping))
+
+
+def _newest_first(state: State, states: Sequence[MissionStatus], limit: int) -> Iterable[Mission]:
+    if not states:
+        return islice(reversed(state.missions.values()), limit)
+    found = (state.missions[m] for s in set(states) for m in state.by_state[s])
+    return heapq.nlargest(limit, found, key=lambda m: m.number)

@@ -1,0 +1,239 @@
+"""Random plans, robots, duplicates, delays, losses and cancels against the core; invariants after every event."""
+
+from hypothesis import HealthCheck, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
+from muster_scheduler.core.events import EVENT, Started
+from muster_scheduler.core.invariants import validate
+from muster_scheduler.core.missions import is_possible
+from muster_scheduler.core.state import Mission, Task
+from muster_scheduler.testing import Yard, planned, replayed, yard_file
+from muster_schemas.plan import Plan, PlanTask
+from muster_schemas.robot import RequestAction, SkillStatus, SkillStatusKind, TaskRef
+from muster_schemas.rpc import MissionAction
+from muster_schemas.site import load_site
+
+SITE = load_site(yard_file())
+EXCAVATORS = [r.id for r in SITE.robots if r.type == "excavator"]
+TRUCKS = [r.id for r in SITE.robots if r.type == "dump_truck"]
+THINGS = [t.name for t in SITE.things]
+WORK = {
+    "Excavation": EXCAVATORS,
+    "ExcavatorUnloading": EXCAVATORS,
+    "DumpLoading": TRUCKS,
+    "DumpUnloading": TRUCKS,
+    "target_area_for_specific_robots": EXCAVATORS + TRUCKS,
+    "return_to_start_for_specific_robots": EXCAVATORS + TRUCKS,
+    "avoid_areas_for_specific_robots": EXCAVATORS + TRUCKS,
+    "allow_areas_for_specific_robots": EXCAVATORS + TRUCKS,
+}
+FINAL = [k for k in SkillStatusKind if k.final]
+indexes = st.integers(0, 10_000)
+
+
+@st.composite
+def plans(draw: st.DrawFn) -> tuple[PlanTask, ...]:
+    """Draw a plan that the gate lets pass: any skills, named robots and selectors, an acyclic graph."""
+    tasks: list[PlanTask] = []
+    for i in range(draw(st.integers(1, 6))):
+        skill = draw(st.sampled_from(sorted(WORK)))
+        robots = WORK[skill]
+        after = [t.task for t in tasks if draw(st.integers(0, 2)) == 0]
+        drives = "area" in skill
+        objects = draw(st.lists(st.sampled_from(THINGS), min_size=1, max_size=2, unique=True)) if drives else []
+        if draw(st.booleans()):
+            named = draw(st.lists(st.sampled_from(robots), min_size=1, max_size=3, unique=True))
+            tasks.append(planned(f"n{i}", skill, named, after, objects=objects))
+        else:
+            kind = "excavator" if robots[0] in EXCAVATORS and draw(st.booleans()) else "dump_truck"
+            kind = kind if len(robots) > 3 else SITE.card(robots[0], "b").type
+            count = draw(st.sampled_from([1, 2, 3, "all"]))
+            tasks.append(planned(f"n{i}", skill, (), after, objects=objects, types=[kind], count=count))
+    return tuple(tasks)
+
+
+class WholeCore(RuleBasedStateMachine):
+    """The site goes on around the core in any order; `attempts` is what the robots know for themselves."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.yard = Yard(SITE)
+        self.yard.open()
+        self.missions: list[Mission] = []
+        self.begun: dict[tuple[str, TaskRef], SkillStatusKind] = {}
+        """Robot and attempt -> its last word, as a truthful agent remembers."""
+        self.seqs: dict[tuple[str, TaskRef], int] = {}
+        self.sent: list[SkillStatus] = []
+
+    def _pick_task(self, index: int) -> tuple[str, Task] | None:
+        active = [
+            (run.robot_id, task)
+            for mission in self.missions
+            for task_id in sorted(mission.active)
+            for task in [mission.tasks[task_id]]
+            for run in task.runs.values()
+        ]
+        return active[index % len(active)] if active else None
+
+    @rule(plan=plans(), priority=st.integers(0, 9), ask=st.booleans())
+    def submit(self, plan: tuple[PlanTask, ...], priority: int, *, ask: bool) -> None:
+        """Someone submits a mission."""
+        if len(self.missions) < 6:
+            self.missions.append(self.yard.submit(*plan, priority=priority, ask=ask))
+
+    @rule()
+    def submit_without_a_plan(self) -> None:
+        """Someone submits a mission that still has to be planned."""
+        if len(self.missions) < 6:
+            self.missions.append(self.yard.submit())
+
+    @precondition(lambda self: self.missions)
+    @rule(index=indexes, action=st.sampled_from(MissionAction), plan=plans())
+    def control(self, index: int, action: MissionAction, plan: tuple[PlanTask, ...]) -> None:
+        """Someone acts on a mission."""
+        mission = self.missions[index % len(self.missions)]
+        if is_possible(mission, action):
+            self.yard.control(mission, action, plan=Plan(tasks=plan) if action is MissionAction.SET_PLAN else None)
+
+    @rule(index=indexes, kind=st.sampled_from(SkillStatusKind), progress=st.floats(0, 1))
+    def a_robot_obeys(self, index: int, kind: SkillStatusKind, progress: float) -> None:
+        """Let a robot answer what it is asked; it starts an attempt at most once and never changes its last word."""
+        requests = sorted(self.yard.outbox.items(), key=lambda e: (e[0][0], e[0][1].model_dump_json()))
+        if not requests:
+            return
+        (robot_id, ref), request = requests[index % len(requests)]
+        known = self.begun.get((robot_id, ref))
+        if known is not None and known.final:
+            kind = known
+        elif known is None and request.action is not RequestAction.START:
+            kind = SkillStatusKind.UNKNOWN
+        elif known is None and request.boot_id != self.yard.boots[robot_id]:
+            kind = SkillStatusKind.REFUSED
+        elif known is not None and kind in (SkillStatusKind.REFUSED, SkillStatusKind.UNKNOWN):
+            kind = SkillStatusKind.CANCELLED
+        self._say(robot_id, ref, request.skill, kind, progress)
+
+    @rule(index=indexes, kind=st.sampled_from(SkillStatusKind), progress=st.floats(0, 1))
+    def a_robot_goes_on(self, index: int, kind: SkillStatusKind, progress: float) -> None:
+        """Let a robot that has begun tell how it stands."""
+        going = [k for k, last in self.begun.items() if not last.final]
+        if going and kind not in (SkillStatusKind.REFUSED, SkillStatusKind.UNKNOWN, SkillStatusKind.ACCEPTED):
+            robot_id, ref = going[index % len(going)]
+            task = self.yard.core.state.task((ref.mission_id, ref.task_id))
+            assert task is not None
+            self._say(robot_id, ref, task.skill.name, kind, progress)
+
+    def _say(self, robot_id: str, ref: TaskRef, skill: str, kind: SkillStatusKind, progress: float) -> None:
+        self.begun[robot_id, ref] = kind
+        self.seqs[robot_id, ref] = self.seqs.get((robot_id, ref), 0) + 1
+        status = SkillStatus(
+            **ref.model_dump(),
+            epoch=1,
+            robot_id=robot_id,
+            boot_id=self.yard.boots[robot_id],
+            skill=skill,
+            seq=self.seqs[robot_id, ref],
+            state=kind,
+            progress=progress,
+            at=0,
+        )
+        self.sent.append(status)
+        self.yard.hear(status)
+
+    @precondition(lambda self: self.sent)
+    @rule(index=indexes)
+    def an_old_word_comes_again(self, index: int) -> None:
+        """Repeat a message, or deliver it late."""
+        self.yard.hear(self.sent[index % len(self.sent)])
+
+    @rule(index=indexes)
+    def a_robot_is_lost(self, index: int) -> None:
+        """Take a robot's token away."""
+        self.yard.robot_lost(SITE.robots[index % len(SITE.robots)].id)
+
+    @rule(index=indexes)
+    def a_robot_is_back(self, index: int) -> None:
+        """Show the same life again."""
+        self.yard.robot_back(SITE.robots[index % len(SITE.robots)].id)
+
+    @rule(index=indexes)
+    def an_agent_restarts(self, index: int) -> None:
+        """Begin a new life of an agent; what was under way is interrupted."""
+        robot_id = SITE.robots[index % len(SITE.robots)].id
+        for (other, ref), last in self.begun.items():
+            if other == robot_id and not last.final:
+                self.begun[other, ref] = SkillStatusKind.INTERRUPTED
+        self.yard.robot_comes(robot_id)
+
+    @rule(index=indexes)
+    def an_object_goes_or_comes(self, index: int) -> None:
+        """Have the cameras lose or find something."""
+        name = THINGS[index % len(THINGS)]
+        if name in self.yard.world.objects:
+            self.yard.lose_sight(name)
+        else:
+            self.yard.see(SITE, [name])
+
+    @rule(seconds=st.sampled_from([0.3, 1.5, 5.0, 40.0, 70.0]))
+    def time_passes(self, seconds: float) -> None:
+        """Deadlines come."""
+        self.yard.wait(seconds)
+
+    @rule()
+    def the_scheduler_restarts(self) -> None:
+        """Bring it back from its journal, as it was, and begin a new epoch."""
+        events = [EVENT.validate_json(e.to_json()) for e in self.yard.events]
+        again = replayed(events)
+        assert again.state == self.yard.core.state
+        self.yard.core = again
+        self.missions = list(again.state.missions.values())
+        self.yard.happen(Started(at=self.yard.now, epoch=again.state.epoch + 1))
+        self.yard.see(SITE, list(self.yard.world.objects))
+        for robot in SITE.robots:
+            self.yard.robot_back(robot.id)
+
+    @invariant()
+    def robots_and_objects_are_never_asked_for_too_much(self) -> None:
+        """No robot is asked to start two attempts at once (area rules aside), and the state is sound."""
+        validate(self.yard.core.state)
+        starts = [
+            (r.robot_id, ref)
+            for (_, ref), r in self.yard.outbox.items()
+            if r.action is RequestAction.START and "areas" not in r.skill
+        ]
+        assert len({robot_id for robot_id, _ in starts}) == len(starts)
+
+    def teardown(self) -> None:
+        """When everything works again, every mission ends."""
+        for robot in SITE.robots:
+            self.yard.robot_comes(robot.id)
+            for (other, ref), last in list(self.begun.items()):
+                if other == robot.id and not last.final:
+                    self.begun[other, ref] = SkillStatusKind.INTERRUPTED
+        self.yard.see(SITE)
+        for mission in self.missions:
+            for action in (MissionAction.REFUSE, MissionAction.REJECT, MissionAction.RESUME):
+                if is_possible(mission, action):
+                    self.yard.control(mission, action)
+        for _ in range(400):
+            if all(m.state.ended for m in self.missions):
+                break
+            for (robot_id, ref), request in list(self.yard.outbox.items()):
+                last = self.begun.get((robot_id, ref))
+                kind = SkillStatusKind.SUCCEEDED if request.action is RequestAction.START else SkillStatusKind.UNKNOWN
+                self._say(robot_id, ref, request.skill, last if last and last.final else kind, 1.0)
+            self.yard.wait(1.1)
+        stuck = [
+            f"{t.mission_id}/{t.task_id} {t.state} {t.waiting_for}: {list(t.story)}"
+            for m in self.missions
+            if not m.state.ended
+            for t in m.tasks.values()
+            if not t.state.ended
+        ]
+        assert not stuck
+
+
+TestWholeCore = WholeCore.TestCase
+TestWholeCore.settings = settings(
+    max_examples=40, stateful_step_count=40, deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
