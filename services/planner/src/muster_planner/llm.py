@@ -1,0 +1,114 @@
+"""The port to language models: one request in, one draft of a plan out.
+
+`MUSTER_PLANNER` chooses the adapter (`embedded`, `ollama:llama3.1`); each is imported only when it is chosen, so that
+neither's libraries are needed for the other.
+"""
+
+from collections.abc import AsyncGenerator, Mapping
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from muster_schemas.mission import Reason
+from muster_schemas.plan import Plan
+from muster_schemas.robot import RobotCard
+from muster_schemas.skills import Catalogue
+
+from .errors import UnknownPlannerError
+
+
+@dataclass(frozen=True)
+class Feedback:
+    """What is wrong with the draft before, for a repair."""
+
+    reasons: tuple[Reason, ...]
+    raw: str
+    """The refused answer as the model wrote it."""
+    plan: Plan | None = None
+    """The refused plan; None if the answer was no plan at all."""
+
+
+@dataclass(frozen=True)
+class PlanRequest:
+    """Everything that a model may know: nothing about robots, objects or skills stands in a prompt's text."""
+
+    text: str
+    roster: tuple[RobotCard, ...]
+    objects: tuple[str, ...]
+    catalogue: Catalogue
+    letters: Mapping[str, str] = field(default_factory=dict[str, str])
+    """Robot type -> the letter that the site's file gives it (`E`); types may be missing."""
+    feedback: Feedback | None = None
+    timeout_s: float = 60.0
+    """An answer that takes longer is a `ModelTimeoutError`."""
+    max_tokens: int = 2048
+    """Of the answer; a longer one is a `TruncatedAnswerError`."""
+
+
+@dataclass(frozen=True)
+class PlanDraft:
+    """A model's answer: a plan that no gate has seen yet, or why it refuses; exactly one of the two."""
+
+    plan: Plan | None
+    refusal: str | None
+    raw: str
+    """The answer as the model wrote it."""
+    latency_s: float
+    tokens_in: int
+    tokens_out: int
+
+    def __post_init__(self) -> None:
+        if (self.plan is None) == (self.refusal is None):
+            raise ValueError("a draft is either a plan or a refusal")
+
+
+class PlanningModel(Protocol):
+    """A language model that drafts plans. One call runs at a time; it must not block the event loop."""
+
+    async def plan(self, request: PlanRequest) -> PlanDraft:
+        """Return a draft for the request; a cancelled call has stopped computing when it raises.
+
+        Raises:
+            PlanningError: there is none; see `errors`.
+
+        """
+        ...
+
+
+def check_choice(choice: str) -> str:
+    """Return the choice unchanged if there is an adapter for it.
+
+    Raises:
+        UnknownPlannerError: there is none.
+
+    """
+    kind, _, name = choice.partition(":")
+    if choice == "embedded" or (kind == "ollama" and name.strip()):
+        return choice
+    raise UnknownPlannerError(
+        f"there is no planner {choice[:80]!r}; take 'embedded', or 'ollama:' and a model, such as 'ollama:llama3.1'"
+    )
+
+
+@asynccontextmanager
+async def open_model(choice: str) -> AsyncGenerator[PlanningModel]:
+    """Load the model that `choice` names, and free it at the end.
+
+    Args:
+        choice: `embedded`, or `ollama:` and a model's name (its server is where `OLLAMA_HOST` says).
+
+    Raises:
+        UnknownPlannerError: there is no such adapter.
+        ModelMissingError: the embedded model's files are not there.
+
+    """
+    if check_choice(choice) == "embedded":
+        from .embedded import open_embedded  # noqa: PLC0415 (loads the inference library)
+
+        async with open_embedded() as model:
+            yield model
+    else:
+        from .adapters.ollama import open_ollama  # noqa: PLC0415 (loads the client)
+
+        async with open_ollama(choice.partition(":")[2]) as model:
+            yield model

@@ -1,0 +1,1 @@
+"""Training of the embedded planner model: data, generator, trainer, export and evaluation."""
