@@ -1,0 +1,18 @@
+"""Ids that people type."""
+
+from muster_schemas.ids import InvalidIdError, check_id
+
+from .errors import CliError
+
+
+def checked_mission_id(value: str) -> str:
+    """Return a mission's id as it is.
+
+    Raises:
+        CliError: it cannot be one.
+
+    """
+    try:
+        return check_id(value, "mission")
+    except InvalidIdError as error:
+        raise CliError(f"{error}. `muster missions` lists the missions.", 2) from error
