@@ -1,0 +1,1 @@
+"""Measurements of a whole Muster against its bars; `make bench` runs them all."""
