@@ -17,7 +17,7 @@ import structlog
 from muster_schemas.ids import check_id, new_boot_id
 from muster_schemas.site import SiteError, load_site
 
-from . import logs
+from . import crash, logs
 from .bus import Bus, open_bus
 from .errors import AlreadyRunningError
 from .identity import Identity, sole
@@ -63,6 +63,8 @@ def run(
     check_id(who.name, who.kind)
     bound = {"service": service, "boot_id": boot_id, "site": site}
     logs.set_up(settings.log_level, **bound, **({"robot": who.name} if who.kind == "robot" else {}))
+    if settings.crash_at is not None:
+        crash.on_passing(crash.kill_at(settings.crash_at))
     life = _Life(who, settings, main, drain_s)
     try:
         code = asyncio.run(life.run(site, boot_id, stall_limit_s))

@@ -10,6 +10,8 @@ from typing import Annotated, Literal, TypeVar, cast
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationError
 from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
 
+from .crash import CRASH_AT
+
 BAD_SETTINGS_EXIT = 78
 """Exit code of a process whose settings or site file cannot be used (EX_CONFIG)."""
 
@@ -50,6 +52,8 @@ class ServiceSettings(BaseSettings):
     """Routers; the first that answers is used, the others when it fails."""
     data_dir: Path = Path(".muster")
     log_level: LogLevel = "info"
+    crash_at: Annotated[str, Field(pattern=rf"^{CRASH_AT.pattern}$")] | None = None
+    """For tests: the place at which the process kills itself, see `muster_bus.crash`."""
 
 
 class RouterSettings(BaseSettings):

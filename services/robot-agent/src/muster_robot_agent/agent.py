@@ -6,7 +6,7 @@ from contextlib import aclosing
 from typing import Any, Final
 
 import structlog
-from muster_bus import Bus
+from muster_bus import Bus, crash
 from muster_schemas.channels import (
     ROBOT_CARD,
     ROBOT_STATE,
@@ -179,6 +179,7 @@ class RobotAgent:
         if outcome is None:
             return
         self._run = None
+        crash.point("end")
         self._history.write("end", self.card.robot_id, request.ref, request.skill, self._site_time_s)
         self._log.info("ended", **_named(request), state=outcome.state, reason=outcome.reason)
         self._carry_out(self._core.ended(request.ref, outcome.state, outcome.reason, time.time()))
@@ -192,8 +193,11 @@ class RobotAgent:
         for effect in effects:
             match effect:
                 case Save(attempt, epoch):
+                    crash.point("commit")
                     self._journal.save(attempt, epoch)
+                    crash.point("committed")
                 case Say(status):
+                    crash.point("send")
                     self._bus.publish(SKILL_STATUS, status, robot_id=self.card.robot_id, skill=status.skill)
                     if status.state is SkillStatusKind.REFUSED:
                         self._log.warning("refused", reason=status.reason, **_named(status))
@@ -216,7 +220,9 @@ class RobotAgent:
             raise RuntimeError("a skill was started before the machine was met")
         self._history.write("start", self.card.robot_id, request.ref, request.skill, self._site_time_s)
         self._log.info("started", **_named(request))
+        crash.point("begin")
         self._run = SkillRun(machine, request)
+        crash.point("begun")
 
     def _publish_state(self, now: float) -> None:
         machine = self._machine

@@ -9,6 +9,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass, field
 
 import structlog
+from muster_bus import crash
 from muster_schemas.skills import Skill
 
 from .core import attempts, requests
@@ -108,14 +109,17 @@ class Engine:
     def _finish(self, events: list[AnyEvent], effects: list[Effect], happened: list[Wish]) -> None:
         # 1. commit
         if events:
+            crash.point("commit")
             try:
                 self._journal.append(events)
             except JournalUnavailableError as error:
                 self._give_up(happened, error)
                 return
+            crash.point("committed")
         # 2. publish, send, acknowledge
         self._outbox.carry_out(effects, self.now(), time.monotonic())
         # 3. answer
+        crash.point("sent")
         for wish in happened:
             wish.done.set_result(None)
 

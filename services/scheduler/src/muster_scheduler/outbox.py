@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from muster_bus import Bus
+from muster_bus import Bus, crash
 from muster_schemas.channels import (
     AREAS,
     KEYWORDS,
@@ -73,6 +73,7 @@ class Outbox:
                 case Send() | Hush() | Acknowledge():
                     requests.append(effect)
         if areas is not None:
+            crash.point("send")
             self._bus.publish(AREAS, areas.rules)
         for effect in requests:
             self._address(effect, at, now)
@@ -91,6 +92,7 @@ class Outbox:
         self._bus.publish(KEYWORDS, Keywords(keywords=tuple(objects)[:64], asked_by="scheduler"))
 
     def _address(self, effect: Send | Hush | Acknowledge, at: float, now: float) -> None:
+        crash.point("send")
         match effect:
             case Send(request=request):
                 self._outstanding[request.robot_id, request.ref] = _Outstanding(request, now + REPEAT_S)
@@ -105,6 +107,7 @@ class Outbox:
         self._bus.publish(SKILL_REQUEST, fresh, robot_id=request.robot_id, skill=request.skill)
 
     def _tell(self, effect: PublishTask | PublishMission | RetractTask | LookFor) -> None:
+        crash.point("send")
         match effect:
             case PublishTask(state=state):
                 self._bus.publish(TASK_STATE, state, mission_id=state.mission_id, task_id=state.task_id)
