@@ -72,7 +72,7 @@ OVERRIDDEN := --prune llm --prune llama-cpp-python
 requirements: .venv/.bootstrapped ## pin requirements/*.txt anew (UPGRADE=1: to the newest versions allowed)
 	@$(LOCKED) lock $(if $(UPGRADE),--upgrade)
 	@for name in $(SERVICES) cli; do $(EXPORT) --package muster-$$name $(OVERRIDDEN) > requirements/$$name.txt; done
-	@$(EXPORT) --all-packages --all-groups > requirements/development.txt
+	@$(EXPORT) --all-packages --all-extras --all-groups > requirements/development.txt
 	@for name in build bootstrap; do $(EXPORT) --only-group $$name > requirements/$$name.txt; done
 	@wc -l requirements/*.txt
 

@@ -4,10 +4,10 @@
 neither's libraries are needed for the other.
 """
 
-from collections.abc import AsyncGenerator, Mapping
+from collections.abc import AsyncGenerator, Mapping, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from muster_schemas.mission import Reason
 from muster_schemas.plan import Plan
@@ -67,6 +67,30 @@ class PlanningModel(Protocol):
 
     async def plan(self, request: PlanRequest) -> PlanDraft:
         """Return a draft for the request; a cancelled call has stopped computing when it raises.
+
+        Raises:
+            PlanningError: there is none; see `errors`.
+
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class TextAnswer:
+    """What a model wrote, whole."""
+
+    text: str
+    latency_s: float
+    tokens_in: int
+    tokens_out: int
+
+
+@runtime_checkable
+class TextModel(Protocol):
+    """A model that also writes text of no fixed form; the embedded one, trained for plans alone, is none."""
+
+    async def complete(self, chat: Sequence[Mapping[str, str]], *, timeout_s: float, max_tokens: int) -> TextAnswer:
+        """Return the answer to a chat (`role`, `content`).
 
         Raises:
             PlanningError: there is none; see `errors`.

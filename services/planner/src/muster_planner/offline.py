@@ -14,6 +14,7 @@ from muster_schemas.plan import Plan
 from muster_schemas.site import Site
 
 from .drafting import Outcome, draft_plan
+from .errors import PlanningError
 from .instructions import InstructionError, clean_instruction
 from .llm import PlanningModel, open_model
 from .published import published_form
@@ -34,6 +35,8 @@ class PlannedLine:
     latency_s: float
     error: str | None
     reasons: tuple[Reason, ...] = ()
+    failure: PlanningError | None = None
+    """The model's error, if that and not the instruction is why there is no plan."""
 
     def to_json(self) -> str:
         """Return the line that stands in the output file (without its end)."""
@@ -150,4 +153,4 @@ def _parse(line: bytes) -> dict[str, Any]:
 
 def _line(line_id: str, outcome: Outcome, latency_s: float) -> PlannedLine:
     error = None if outcome.plan else " ".join(r.message for r in outcome.reasons)
-    return PlannedLine(line_id, outcome.plan, latency_s, error, outcome.reasons)
+    return PlannedLine(line_id, outcome.plan, latency_s, error, outcome.reasons, outcome.failure)

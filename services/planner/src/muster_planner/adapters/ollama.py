@@ -2,8 +2,9 @@
 
 import asyncio
 import time
-from collections.abc import AsyncGenerator
+from collections.abc import AsyncGenerator, Mapping, Sequence
 from contextlib import asynccontextmanager
+from typing import Any
 
 import httpx
 from ollama import AsyncClient, ChatResponse, ResponseError
@@ -16,7 +17,7 @@ from muster_planner.errors import (
     SetupError,
     TruncatedAnswerError,
 )
-from muster_planner.llm import PlanDraft, PlanRequest
+from muster_planner.llm import PlanDraft, PlanRequest, TextAnswer
 from muster_planner.prompt_json import answer_schema, messages, parse_answer
 
 _CONTEXT_SIZES = (4_096, 8_192, 16_384, 32_768, 65_536, 131_072)
@@ -35,44 +36,57 @@ class OllamaModel:
 
     async def plan(self, request: PlanRequest) -> PlanDraft:
         """Return a draft; see `llm.PlanningModel`."""
+        answer = await self._answer(
+            messages(request), answer_schema(request), timeout_s=request.timeout_s, max_tokens=request.max_tokens
+        )
+        try:
+            parsed = parse_answer(answer.text)
+        except AnswerError as error:
+            error.raw, error.tokens_in, error.tokens_out = answer.text, answer.tokens_in, answer.tokens_out
+            raise
+        is_refusal = isinstance(parsed, str)
+        return PlanDraft(
+            plan=None if is_refusal else parsed,
+            refusal=parsed if is_refusal else None,
+            raw=answer.text,
+            latency_s=answer.latency_s,
+            tokens_in=answer.tokens_in,
+            tokens_out=answer.tokens_out,
+        )
+
+    async def complete(self, chat: Sequence[Mapping[str, str]], *, timeout_s: float, max_tokens: int) -> TextAnswer:
+        """Return an answer in free text; see `llm.TextModel`."""
+        return await self._answer(chat, None, timeout_s=timeout_s, max_tokens=max_tokens)
+
+    async def _answer(
+        self, chat: Sequence[Mapping[str, str]], form: dict[str, Any] | None, *, timeout_s: float, max_tokens: int
+    ) -> TextAnswer:
         begin = time.monotonic()
         try:
-            async with asyncio.timeout(request.timeout_s):
-                answer = await self._chat(request)
+            async with asyncio.timeout(timeout_s):
+                answer = await self._chat(chat, form, max_tokens)
         except TimeoutError as error:
-            message = f"The model {self._name} did not answer within {request.timeout_s:.0f} s. Say it shorter."
+            message = f"The model {self._name} did not answer within {timeout_s:.0f} s. Say it shorter."
             raise ModelTimeoutError(message) from error
         raw = answer.message.content or ""
         tokens_in, tokens_out = answer.prompt_eval_count or 0, answer.eval_count or 0
         if answer.done_reason == "length":
             message = "The model's answer was cut off before its end. Send it as several shorter instructions."
             raise TruncatedAnswerError(message, raw=raw, tokens_in=tokens_in, tokens_out=tokens_out)
-        try:
-            parsed = parse_answer(raw)
-        except AnswerError as error:
-            error.raw, error.tokens_in, error.tokens_out = raw, tokens_in, tokens_out
-            raise
-        is_refusal = isinstance(parsed, str)
-        return PlanDraft(
-            plan=None if is_refusal else parsed,
-            refusal=parsed if is_refusal else None,
-            raw=raw,
-            latency_s=time.monotonic() - begin,
-            tokens_in=tokens_in,
-            tokens_out=tokens_out,
-        )
+        return TextAnswer(raw, time.monotonic() - begin, tokens_in, tokens_out)
 
-    async def _chat(self, request: PlanRequest) -> ChatResponse:
-        chat = messages(request)
+    async def _chat(
+        self, chat: Sequence[Mapping[str, str]], form: dict[str, Any] | None, max_tokens: int
+    ) -> ChatResponse:
         options = {
             "temperature": 0,
             "seed": 1,
-            "num_predict": request.max_tokens,
-            "num_ctx": _context_size(chat, request.max_tokens),
+            "num_predict": max_tokens,
+            "num_ctx": _context_size(chat, max_tokens),
         }
         try:
             return await self._client.chat(  # pyright: ignore[reportUnknownMemberType] (its `tools` is not typed)
-                self._name, chat, format=answer_schema(request), options=options
+                self._name, chat, format=form, options=options
             )
         except ResponseError as error:
             if error.status_code == 404:
@@ -105,6 +119,6 @@ async def open_ollama(name: str, host: str | None = None) -> AsyncGenerator[Olla
         await client.close()
 
 
-def _context_size(chat: list[dict[str, str]], max_tokens: int) -> int:
+def _context_size(chat: Sequence[Mapping[str, str]], max_tokens: int) -> int:
     needed = sum(len(m["content"]) for m in chat) / _CHARACTERS_PER_TOKEN + max_tokens
     return next((size for size in _CONTEXT_SIZES if size >= needed), _CONTEXT_SIZES[-1])
