@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import threading
 import time
 from collections.abc import AsyncGenerator, Callable, Mapping
 from contextlib import asynccontextmanager
@@ -19,6 +20,12 @@ from muster_schemas.world import CameraFrame, Keywords, MapObject
 from muster_sim.camera import pinhole
 from muster_sim.service import jpeg
 from muster_sim.world import World
+from muster_vision.clip_model import ClipModel
+from muster_vision.pipeline import Pipeline
+from muster_vision.robots import RobotWatch
+from muster_vision.service import Vision
+from muster_vision.store import MapFile
+from muster_vision.vocabulary import Wishes
 
 YARD = {"puddle1", "puddle2", "obstacle1", "obstacle2", "rock1", "soil1", "soil2"}
 WITHIN_S = 180.0
@@ -231,6 +238,35 @@ async def test_malformed_frames_are_dropped_and_the_map_goes_on(
         before = max(o.seen_at for o in seen.objects.values())
         await uav.until(lambda: min(o.seen_at for o in seen.objects.values()) > before)
         assert set(seen.objects) == YARD
+
+
+@pytest.mark.parametrize(("owner", "method"), [(RobotWatch, "stands"), (Wishes, "vocabulary")])
+async def test_what_messages_change_is_read_where_they_come_in(
+    owner: type[object],
+    method: str,
+    router: RouterProcess,
+    yard: Site,
+    model: ClipModel,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A look works in a thread of its own on what it was given: no message may change it under its hands."""
+    readers: set[int] = set()
+    read: Callable[..., Any] = getattr(owner, method)
+
+    def noted(*arguments: Any) -> Any:
+        readers.add(threading.get_ident())
+        return read(*arguments)
+
+    monkeypatch.setattr(owner, method, noted)
+    file = MapFile(tmp_path, yard.name)
+    stop = asyncio.Event()
+    async with running_bus(router) as bus:
+        running = asyncio.create_task(Vision(bus, yard, Pipeline(yard, model, file.load()), file).run(stop))
+        await eventually(lambda: readers, WITHIN_S)
+        stop.set()
+        await running
+    assert readers == {threading.get_ident()}
 
 
 def jpeg_of(site: Site) -> bytes:

@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Coroutine
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import Any, Final
 
 import structlog
@@ -15,9 +16,9 @@ from muster_schemas.site import Site
 
 from .object_map import ObjectMap
 from .pipeline import Frame, Pipeline
-from .robots import RobotWatch
+from .robots import RobotWatch, Stand
 from .store import MapFile
-from .vocabulary import Wishes
+from .vocabulary import Vocabulary, Wishes
 
 LOOK_PERIOD_S: Final = 1.0
 """Looks at a changing site start at most this often, so that a busy site leaves the processor to others."""
@@ -28,6 +29,16 @@ AHEAD_S: Final = 60.0
 """A frame from farther in the future than this has a wrong clock."""
 
 _log = structlog.stdlib.get_logger(__name__)
+
+
+@dataclass(frozen=True)
+class _Look:
+    """Everything that one look works on, as it was when the look began."""
+
+    frames: dict[str, Frame]
+    stands: tuple[Stand, ...]
+    vocabulary: Vocabulary
+    settle: bool
 
 
 class Vision:
@@ -57,6 +68,7 @@ class Vision:
         self._urgent = False
         self._started = 0.0
         self._slowest_s = 0.0
+        self._words: tuple[str, ...] = ()
 
     async def run(self, stop: asyncio.Event) -> None:
         """Map until `stop` is set; what is known from before is published at once."""
@@ -115,7 +127,8 @@ class Vision:
                 self._wake.clear()
                 self._urgent = False
                 begin = time.monotonic()
-                computed = await loop.run_in_executor(pool, self._look_now, frames)
+                look = self._prepare(frames, begin)
+                computed = look is not None and await loop.run_in_executor(pool, self._work, look)
                 spent = time.monotonic() - begin
                 self._map.update(self._pipeline.tracker, time.monotonic())
                 if computed:
@@ -133,26 +146,26 @@ class Vision:
         except TimeoutError:
             return
 
-    def _look_now(self, frames: dict[str, Frame]) -> bool:
-        """Look and save; runs in the worker thread."""
-        now = time.monotonic()
-        tracker = self._pipeline.tracker
+    def _prepare(self, frames: dict[str, Frame], now: float) -> _Look | None:
+        """Put together what a look needs, or None if it would show nothing new.
+
+        The worker gets copies, because messages go on changing robots and wishes; the tracker is this loop's to read
+        only while no look is under way.
+        """
         if frames and not self._started:
             self._started = now
-        settle = bool(self._started) and now - self._started > PATIENCE_S
-        vocabulary = self._wishes.vocabulary(now, sorted({t.object_class for t in tracker.named}))
-        stands = self._robots.stands(f.meta.taken_at for f in frames.values())
-        if not frames and not self._urgent_words(vocabulary.names):
-            return False
-        computed = self._pipeline.look(frames, stands, vocabulary, settle=settle)
+        vocabulary = self._wishes.vocabulary(now, sorted({t.object_class for t in self._pipeline.tracker.named}))
+        if not frames and vocabulary.names == self._words:
+            return None
         self._words = vocabulary.names
-        self._file.save(tracker)
+        stands = self._robots.stands(f.meta.taken_at for f in frames.values())
+        return _Look(frames, stands, vocabulary, settle=bool(self._started) and now - self._started > PATIENCE_S)
+
+    def _work(self, look: _Look) -> bool:
+        """Look and save, in the worker thread: of this object, only pipeline and file may be touched."""
+        computed = self._pipeline.look(look.frames, look.stands, look.vocabulary, settle=look.settle)
+        self._file.save(self._pipeline.tracker)
         return computed
-
-    _words: tuple[str, ...] = ()
-
-    def _urgent_words(self, names: tuple[str, ...]) -> bool:
-        return names != self._words
 
     def _report(self) -> None:
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
