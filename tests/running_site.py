@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 from muster_bus import Bus, NoReplyError
 from muster_bus.testing import SITE_FILE, free_port
@@ -88,10 +89,34 @@ class RunningSite:
         plan = self.record.plan
         await wait_until_ready(plan, load_site(SITE_FILE), self._directory, within_s, lambda _: None)
 
-    def kill(self, process: str, within_s: float = 60.0) -> None:
+    def began(self, mission_id: str, robot_id: str) -> Event | None:
+        """Return what a robot has begun and not ended, as far as its agent has told."""
+        events = [e for e in self.history(mission_id) if e.robot_id == robot_id]
+        return events[-1] if events and events[-1].event == "start" else None
+
+    async def kill_at_work(self, robot_id: str, mission_id: str, within_s: float = 300.0) -> Event:
+        """Kill a robot's agent in the middle of a skill and return which one; wait until it was started again.
+
+        It is halted (SIGSTOP) before its history is read for the last time: what it has not ended by then, it never
+        ends. However slowly this test runs, the kill comes in the middle.
+        """
+        until = time.monotonic() + within_s
+        while time.monotonic() < until:
+            if self.began(mission_id, robot_id):
+                agent = psutil.Process(self._running(robot_id))
+                agent.suspend()
+                while agent.status() != psutil.STATUS_STOPPED:
+                    await asyncio.sleep(0.001)
+                if begun := self.began(mission_id, robot_id):
+                    await asyncio.to_thread(self.kill, robot_id)
+                    return begun
+                agent.resume()
+            await asyncio.sleep(0.01)
+        pytest.fail(f"{robot_id} was not found at work within {within_s:.0f} s: {self.history(mission_id)}")
+
+    def kill(self, process: str, within_s: float = 300.0) -> None:
         """End a process by kill -9 and wait until the supervisor has started it again."""
-        before = self._pid(process)
-        assert before is not None, f"{process} does not run"
+        before = self._running(process)
         os.kill(before, signal.SIGKILL)
         until = time.monotonic() + within_s
         while self._pid(process) in (None, before):
@@ -100,6 +125,11 @@ class RunningSite:
 
     def _pid(self, process: str) -> int | None:
         return next(p.pid for p in self.record.processes if p.name == process)
+
+    def _running(self, process: str) -> int:
+        pid = self._pid(process)
+        assert pid is not None, f"{process} does not run"
+        return pid
 
     def problems(self) -> list[str]:
         """Return the processes that do not run or had to be started again."""
@@ -136,7 +166,7 @@ def running_site(root: Path, *, speed: float, planner: str = "embedded") -> Gene
 
 async def submit(bus: Bus, text: str, plan: Plan | None = None) -> str:
     """Hand a mission to the scheduler and return its id."""
-    reply: ControlReply = await bus.ask(SUBMIT, SubmitMission(text=text, plan=plan), timeout_s=30)
+    reply: ControlReply = await bus.ask(SUBMIT, SubmitMission(text=text, plan=plan), timeout_s=60)
     return reply.mission_id
 
 
@@ -155,7 +185,7 @@ async def until_ended(bus: Bus, mission_id: str, within_s: float) -> MissionView
 async def look(bus: Bus, mission_id: str) -> MissionView | None:
     """Return a mission as the scheduler has it, or None if it does not answer now."""
     try:
-        reply: MissionsReply = await bus.ask(MISSIONS, MissionsQuery(mission_id=mission_id), timeout_s=5)
+        reply: MissionsReply = await bus.ask(MISSIONS, MissionsQuery(mission_id=mission_id), timeout_s=10)
     except NoReplyError:
         return None
     return reply.missions[0]
