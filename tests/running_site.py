@@ -14,7 +14,7 @@ from typing import Any
 import psutil
 import pytest
 from muster_bus import Bus, NoReplyError
-from muster_bus.testing import SITE_FILE, free_port
+from muster_bus.testing import SITE_FILE, eventually, free_port
 from muster_cli import launch, site
 from muster_cli.processes import Options
 from muster_cli.readiness import wait_until_ready
@@ -103,10 +103,7 @@ class RunningSite:
         until = time.monotonic() + within_s
         while time.monotonic() < until:
             if self.began(mission_id, robot_id):
-                agent = psutil.Process(self._running(robot_id))
-                agent.suspend()
-                while agent.status() != psutil.STATUS_STOPPED:
-                    await asyncio.sleep(0.001)
+                agent = await _halted(self._running(robot_id))
                 if begun := self.began(mission_id, robot_id):
                     await asyncio.to_thread(self.kill, robot_id)
                     return begun
@@ -138,6 +135,13 @@ class RunningSite:
             for p in self.record.processes
             if p.standing is not Standing.RUNNING or p.restarts
         ]
+
+
+async def _halted(pid: int) -> psutil.Process:
+    process = psutil.Process(pid)
+    process.suspend()
+    await eventually(lambda: process.status() == psutil.STATUS_STOPPED, within_s=60)
+    return process
 
 
 @contextlib.contextmanager

@@ -244,6 +244,7 @@ async def test_malformed_frames_are_dropped_and_the_map_goes_on(
 async def test_what_messages_change_is_read_where_they_come_in(
     owner: type[object],
     method: str,
+    *,
     router: RouterProcess,
     yard: Site,
     model: ClipModel,
