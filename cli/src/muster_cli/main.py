@@ -14,7 +14,7 @@ from muster_schemas.mission import MAX_TEXT, MissionStatus
 from rich.console import Console
 
 from . import demo as demo_run
-from . import plans, site
+from . import evaluation, plans, site
 from .errors import CliError
 from .follow import follow
 from .ids import checked_mission_id
@@ -36,7 +36,8 @@ _out = Console()
 
 SiteFile = Annotated[Path | None, typer.Option("--site", help="The site's file; left out: MUSTER_SITE_FILE.")]
 MissionId = Annotated[str, typer.Argument(metavar="ID", help="The mission, as `muster missions` shows it.")]
-Planner = Annotated[str, typer.Option(help="embedded or ollama:MODEL.", envvar="MUSTER_PLANNER")]
+PLANNERS = "embedded or ollama:MODEL."
+Planner = Annotated[str, typer.Option(help=PLANNERS, envvar="MUSTER_PLANNER")]
 Speed = Annotated[float, typer.Option(min=0.1, max=100, help="Simulated seconds in each second.")]
 
 
@@ -136,6 +137,37 @@ def plan(
         plans.plan_text(text, the_site, planner, as_json=as_json, console=_out)
     else:
         raise CliError("Say either one instruction in quotes, or --batch IN.jsonl with --out OUT.jsonl.", 2)
+
+
+@app.command()
+def evaluate(  # noqa: PLR0913, PLR0917 (one for each option)
+    dataset: Annotated[Path, typer.Argument(metavar="DATASET.jsonl", help="Instructions with their right plans.")],
+    planner: Annotated[str, typer.Option("--planner", "--model", envvar="MUSTER_PLANNER", help=PLANNERS)] = "embedded",
+    method: Annotated[evaluation.Method, typer.Option(help="smart-llm: the model writes a program with threads.")] = (
+        "dart-llm"
+    ),
+    no_dependencies: Annotated[
+        bool, typer.Option("--no-dependencies", help="Drop the plans' dependencies: the paper's ablation.")
+    ] = False,
+    repeat: Annotated[int, typer.Option(min=1, max=1000, help="Ask everything so many times.")] = 1,
+    limit: Annotated[int | None, typer.Option(min=1, help="Only so many cases, drawn by chance (seeded).")] = None,
+    failures: Annotated[bool, typer.Option("--failures", help="List what was wrong, case by case.")] = False,
+    out: Annotated[Path | None, typer.Option(metavar="NAME", help="Write NAME.json, NAME.md and NAME.png.")] = None,
+    site_file: SiteFile = None,
+) -> None:
+    """Measure how well a planner plans: SR, IPA, DSR, SGSR, RTR by level. Needs no running site; nothing moves."""
+    asked = evaluation.Asked(
+        dataset=dataset,
+        site=site.chosen(read_settings(), site_file),
+        planner=planner,
+        method=method,
+        dependencies=not no_dependencies,
+        repeat=repeat,
+        limit=limit,
+        failures=failures,
+        out=out,
+    )
+    evaluation.evaluate(asked, _out)
 
 
 @app.command()

@@ -72,8 +72,15 @@ class OfflinePlanner:
 
 
 @contextmanager
-def open_offline(site: Site, planner: str = "embedded") -> Generator[OfflinePlanner]:
+def open_offline(
+    site: Site, planner: str = "embedded", *, wrap: Callable[[PlanningModel], PlanningModel] | None = None
+) -> Generator[OfflinePlanner]:
     """Load the model once for many instructions.
+
+    Args:
+        site: what is there.
+        planner: the model, as `MUSTER_PLANNER` says it.
+        wrap: makes of the model another that asks it.
 
     Raises:
         SetupError: the model cannot be had; the message says what to do.
@@ -83,7 +90,7 @@ def open_offline(site: Site, planner: str = "embedded") -> Generator[OfflinePlan
         opened = open_model(planner)
         model = runner.run(opened.__aenter__())
         try:
-            yield OfflinePlanner(model, site, runner)
+            yield OfflinePlanner(wrap(model) if wrap else model, site, runner)
         finally:
             runner.run(opened.__aexit__(None, None, None))
 

@@ -1,0 +1,129 @@
+"""`muster evaluate`: how well a planner plans a data set, without a running site."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from muster_schemas.site import Site
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from .errors import CliError
+
+if TYPE_CHECKING:
+    from muster_planner.evaluation.measures import Answer, Evaluation
+
+Method = Literal["dart-llm", "smart-llm"]
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is to be evaluated, and what becomes of the result."""
+
+    dataset: Path
+    site: Site
+    planner: str
+    method: Method
+    dependencies: bool
+    repeat: int
+    limit: int | None
+    failures: bool
+    out: Path | None
+
+
+def evaluate(asked: Asked, console: Console) -> None:
+    """Plan every case with a progress bar on standard error, then print the tables and write the files.
+
+    Raises:
+        CliError: the data set cannot be read, the model not be had, or a file not be written.
+
+    """
+    try:
+        from muster_planner.errors import SetupError  # noqa: PLC0415 (the command also runs without the planner)
+        from muster_planner.evaluation import measures, picture, report  # noqa: PLC0415
+        from muster_planner.evaluation.cases import DatasetError  # noqa: PLC0415
+    except ModuleNotFoundError as error:
+        raise CliError(
+            "The planner is not installed here; to evaluate it takes the package muster-planner.", 2
+        ) from error
+    try:
+        answers, complete = _answers(asked)
+        if not answers:
+            raise CliError("Stopped before the first answer.", 130)
+        result = measures.summarise(
+            answers,
+            dataset=asked.dataset.name,
+            planner=asked.planner,
+            method=asked.method,
+            dependencies=asked.dependencies,
+            repeat=asked.repeat,
+            complete=complete,
+        )
+        _show(result, console)
+        if asked.failures:
+            for answer in result.failures:
+                console.print(report.failure(answer), markup=False, highlight=False, soft_wrap=True)
+        if asked.out:
+            asked.out.parent.mkdir(parents=True, exist_ok=True)
+            asked.out.with_suffix(".json").write_text(result.model_dump_json(indent=1) + "\n", encoding="utf-8")
+            asked.out.with_suffix(".md").write_text(report.markdown(result), encoding="utf-8")
+            picture.draw(result, asked.out.with_suffix(".png"))
+            console.print(f"Written: {asked.out.with_suffix('')}.json, .md, .png", highlight=False, soft_wrap=True)
+    except (SetupError, DatasetError) as error:
+        raise CliError(str(error), 2) from error
+    except OSError as error:
+        raise CliError(f"{error.filename}: {error.strerror}", 2) from error
+
+
+def _answers(asked: Asked) -> "tuple[list[Answer], bool]":
+    """Return the answers, and whether all cases were asked; Ctrl-C keeps what there is."""
+    from muster_planner.evaluation.cases import read_cases  # noqa: PLC0415
+    from muster_planner.evaluation.fleet import Fleet  # noqa: PLC0415
+    from muster_planner.evaluation.running import Judge, chosen  # noqa: PLC0415
+    from muster_planner.evaluation.smart_llm import SmartLlm  # noqa: PLC0415
+    from muster_planner.offline import open_offline  # noqa: PLC0415
+    from muster_planner.surroundings import Surroundings  # noqa: PLC0415
+
+    fleet = Fleet.of(Surroundings.of_file(asked.site).roster)
+    cases = chosen(read_cases(asked.dataset, fleet, asked.site.catalogue), asked.limit)
+    answers: list[Answer] = []
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    wrap = SmartLlm if asked.method == "smart-llm" else None
+    with (
+        open_offline(asked.site, asked.planner, wrap=wrap) as planner,
+        Progress(*columns, console=Console(stderr=True)) as progress,
+    ):
+        bar = progress.add_task("planning", total=len(cases) * asked.repeat)
+        judge = Judge(asked.site, dependencies=asked.dependencies)
+        try:
+            for answer in judge.answers(cases, planner, repeat=asked.repeat):
+                answers.append(answer)
+                right = sum(a.right for a in answers)
+                progress.update(bar, advance=1, description=f"planning, {right} of {len(answers)} right")
+        except KeyboardInterrupt:
+            return answers, False
+    return answers, True
+
+
+def _show(result: "Evaluation", console: Console) -> None:
+    from muster_planner.evaluation import report  # noqa: PLC0415
+
+    console.print(report.title(result), style="bold", highlight=False)
+    console.print(_table(report.HEAD, report.table(result)))
+    console.print()
+    console.print("SR with and without the plans' dependencies", style="bold")
+    console.print(_table(report.ABLATION_HEAD, report.ablation_table(result)))
+    console.print()
+    for line in report.summary(result):
+        console.print(line, highlight=False)
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="dim")
+    for column in head:
+        table.add_column(column, justify="left" if column == "level" else "right")
+    for row in rows:
+        table.add_row(*row)
+    return table
