@@ -74,7 +74,8 @@ def test_loops_over_lists_and_functions_in_functions_are_followed() -> None:
                 thread.start()
             for thread in threads:
                 thread.join()
-            for thread in late: thread.start()
+            for thread in late:
+                thread.start()
         if __name__ == "__main__":
             main()
     """
