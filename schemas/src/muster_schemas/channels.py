@@ -10,7 +10,7 @@ from typing import Any, Generic, TypeVar
 
 from pydantic import BaseModel
 
-from . import mission, robot, rpc, sim, world
+from . import mission, robot, rpc, sim, stops, world
 from .ids import check_id
 
 M = TypeVar("M", bound=BaseModel)
@@ -123,6 +123,22 @@ STATUS_ACK = _c(
     "scheduler",
     "a status is in the scheduler's journal",
 )
+ROBOT_STOP = _c(
+    "robot_stop",
+    "robots/{robot_id}/stop/request",
+    stops.StopRequest,
+    Kind.COMMAND,
+    "scheduler",
+    "stop a robot or release it; sent again until answered",
+)
+ROBOT_STOP_STATUS = _c(
+    "robot_stop_status",
+    "robots/{robot_id}/stop/status",
+    stops.StopStatus,
+    Kind.EVENT,
+    "robot-agent",
+    "whether a robot has obeyed a stop, and stands",
+)
 ROBOT_CARD = _c(
     "robot_card",
     "robots/{robot_id}/card",
@@ -231,6 +247,15 @@ MISSIONS = _c(
     "read missions",
     reply=rpc.MissionsReply,
 )
+STOP = _c(
+    "stop",
+    "scheduler/rpc/stop",
+    stops.StopRobots,
+    Kind.QUERY,
+    "scheduler",
+    "stop or release a robot or all",
+    reply=stops.StopReply,
+)
 RULES = _c(
     "rules",
     "scheduler/rpc/rules",
@@ -240,11 +265,20 @@ RULES = _c(
     "read the area rules",
     reply=world.AreaRules,
 )
+REPLAN = _c(
+    "replan",
+    "planner/rpc/replan",
+    rpc.ReplanMission,
+    Kind.QUERY,
+    "planner",
+    "a new plan for the rest of a mission",
+    reply=rpc.ReplanReply,
+)
 
 CHANNELS: tuple[Channel[Any], ...] = (
-    MISSION_STATE, TASK_STATE, SKILL_REQUEST, SKILL_STATUS, STATUS_ACK, ROBOT_CARD, ROBOT_STATE, ROBOT_ALIVE,
-    SERVICE_ALIVE, OBJECT, KEYWORDS, AREAS, CAMERA_IMAGE, SIM_COMMAND, SIM_TELEMETRY, SIM_WORLD, SUBMIT, CONTROL,
-    MISSIONS, RULES,
+    MISSION_STATE, TASK_STATE, SKILL_REQUEST, SKILL_STATUS, STATUS_ACK, ROBOT_STOP, ROBOT_STOP_STATUS, ROBOT_CARD,
+    ROBOT_STATE, ROBOT_ALIVE, SERVICE_ALIVE, OBJECT, KEYWORDS, AREAS, CAMERA_IMAGE, SIM_COMMAND, SIM_TELEMETRY,
+    SIM_WORLD, SUBMIT, CONTROL, MISSIONS, STOP, RULES, REPLAN,
 )  # fmt: skip
 
 

@@ -26,10 +26,13 @@ from .rpc import (
     MissionAction,
     MissionsQuery,
     MissionsReply,
+    ReplanMission,
+    ReplanReply,
     RulesQuery,
     SubmitMission,
 )
 from .sim import DriveCommand, SimBody, SimCommand, SimWorld, SoilDeposit, Telemetry
+from .stops import StopReply, StopRequest, StopRobots, StopStatus
 from .world import AreaRule, AreaRules, CameraFrame, Keywords, MapObject
 
 _MISSION, _TASK, _ROBOT, _BOOT = "m-1", "t1", "robot_excavator_01", "boot-1"
@@ -141,6 +144,22 @@ EXAMPLES: Final[dict[str, Example]] = {
         StatusAck(mission_id=_MISSION, task_id=_TASK, attempt=1, robot_id=_ROBOT, boot_id=_BOOT, seq=2, epoch=4),
         _SKILL_IDS,
     ),
+    channels.ROBOT_STOP.name: Example(
+        StopRequest(robot_id=_ROBOT, number=1_700_000_000_000, stopped=True, issued_at=_AT), _ROBOT_IDS
+    ),
+    channels.ROBOT_STOP_STATUS.name: Example(
+        StopStatus(
+            robot_id=_ROBOT,
+            boot_id=_BOOT,
+            number=1_700_000_000_000,
+            stopped=True,
+            standing=True,
+            was_busy=True,
+            busy_with=TaskRef(mission_id=_MISSION, task_id=_TASK, attempt=1),
+            at=_AT,
+        ),
+        _ROBOT_IDS,
+    ),
     channels.ROBOT_CARD.name: Example(
         RobotCard(
             robot_id=_ROBOT,
@@ -225,6 +244,21 @@ EXAMPLES: Final[dict[str, Example]] = {
         MissionsQuery(states=(MissionStatus.PLANNING,)),
         reply=MissionsReply(missions=(MissionView(mission=_MISSION_STATE, plan=PLAN, tasks=(_TASK_STATE,)),)),
     ),
+    channels.STOP.name: Example(
+        StopRobots(robot_id=_ROBOT), reply=StopReply(site_stopped=False, robots={_ROBOT: "stopped"})
+    ),
     channels.RULES.name: Example(RulesQuery(), reply=_RULES),
+    channels.REPLAN.name: Example(
+        ReplanMission(
+            mission_id=_MISSION,
+            task_id=_TASK,
+            number=1,
+            text=_TEXT,
+            done=PLAN.tasks[:1],
+            failed=PLAN.tasks[1],
+            error="robot_excavator_01: there is nothing to dig here",
+        ),
+        reply=ReplanReply(plan=PLAN),
+    ),
 }
 """By channel name; liveliness tokens have no message."""

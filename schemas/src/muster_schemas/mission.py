@@ -71,7 +71,10 @@ class MissionState(Message):
     state: MissionStatus
     priority: Priority = 5
     approval: Approval = "auto"
-    reasons: tuple[Reason, ...] = ()
+    reasons: tuple[Reason, ...] = Field(default=(), description="why it waits for approval, was rejected, or failed")
+    plan_revision: int = Field(
+        default=0, ge=0, description="grows whenever the plan changes; an edit says which it is of"
+    )
     created_at: UnixTime
     started_at: UnixTime | None = None
     ended_at: UnixTime | None = None
@@ -105,4 +108,7 @@ class MissionView(Message):
 
     mission: MissionState
     plan: Plan | None = None
+    proposals: dict[Id, Plan] = Field(
+        default_factory=dict, description="new plans for the rest that await approval, by the task that failed"
+    )
     tasks: tuple[TaskState, ...] = ()

@@ -3,7 +3,8 @@
     {"tasks": [{"task": name, "instruction_function": {"name": skill, "robot_ids": [...]
         | "robot_type": [...] + "robot_count": n | "all", "dependencies": [names], "object_keywords": [...]}}]}
 
-`object_keywords` may also stand beside `instruction_function`; both places are read, one is written.
+`object_keywords` may also stand beside `instruction_function`; both places are read, one is written. A person may add
+`on_failure` beside it: what is done when this task fails.
 A plan that parses is well formed, not yet allowed: see `gate.check_plan`.
 """
 
@@ -12,6 +13,7 @@ from typing import Annotated, Any, Literal, cast
 from pydantic import BeforeValidator, Field, model_validator
 
 from .base import Message
+from .policies import FailurePolicy
 from .skills import PAPER_CATALOGUE
 
 MAX_TASKS = 100
@@ -50,6 +52,7 @@ class PlanTask(Message):
 
     task: Name
     instruction_function: InstructionFunction
+    on_failure: FailurePolicy | None = None
 
     @model_validator(mode="before")
     @classmethod

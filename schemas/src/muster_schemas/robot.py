@@ -68,6 +68,7 @@ class RobotState(Message):
     )
     rules_revision: int = Field(default=0, ge=0, description="of the area rules that it obeys")
     fault: str | None = Field(default=None, max_length=400)
+    stopped: bool = Field(default=False, description="a person has stopped it: it starts nothing until it is released")
     at: UnixTime
 
 

@@ -8,7 +8,7 @@ from pydantic import Field
 from .base import Message
 from .ids import Id
 from .mission import Approval, InstructionText, MissionStatus, MissionView, Priority, Reason
-from .plan import Plan
+from .plan import Plan, PlanTask
 
 
 class ErrorCode(StrEnum):
@@ -54,6 +54,12 @@ class MissionAction(StrEnum):
     CANCEL = "cancel"
     PAUSE = "pause"
     RESUME = "resume"
+    RETRY = "retry"
+    """A task that failed and waits for a decision: once more."""
+    SKIP = "skip"
+    """The same task: go on without it."""
+    REPLAN = "replan"
+    """The same task: have the planner make a new plan for it and what comes after it."""
 
 
 class ControlMission(Message):
@@ -62,6 +68,12 @@ class ControlMission(Message):
     mission_id: Id
     action: MissionAction
     plan: Plan | None = None
+    plan_revision: int | None = Field(
+        default=None,
+        ge=0,
+        description="of the plan that was edited; set_plan is refused if it is not the newest any more",
+    )
+    task_id: Id | None = Field(default=None, description="for retry, skip and replan")
     reasons: tuple[Reason, ...] = ()
 
 
@@ -85,6 +97,30 @@ class MissionsReply(Message):
     """Newest first."""
 
     missions: tuple[MissionView, ...]
+
+
+class ReplanMission(Message):
+    """Asks the planner for a new plan for the rest of a mission: for the task that failed and those after it."""
+
+    mission_id: Id
+    task_id: Id = Field(description="of the task that failed")
+    number: int = Field(ge=1, description="counts the mission's replans")
+    text: InstructionText
+    priority: Priority = 5
+    done: tuple[PlanTask, ...] = Field(default=(), description="tasks that have succeeded; they stay done")
+    going_on: tuple[PlanTask, ...] = Field(default=(), description="tasks of other branches, which go on as planned")
+    failed: PlanTask
+    error: str = Field(max_length=1000, description="why it failed")
+    rest: tuple[PlanTask, ...] = Field(
+        default=(), description="what was planned after it and will not be done that way"
+    )
+
+
+class ReplanReply(Message):
+    """The new plan for the rest, whose tasks depend on each other only; or the reasons why there is none."""
+
+    plan: Plan | None = None
+    reasons: tuple[Reason, ...] = ()
 
 
 class RulesQuery(Message):

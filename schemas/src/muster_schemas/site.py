@@ -8,6 +8,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from .base import Message, Metres, Point, Pose, Seconds
 from .ids import Id
+from .policies import ApprovalRule, AskForSkill, FailurePolicies
 from .robot import RobotCard
 from .skills import PAPER_SKILLS, Catalogue, Skill
 
@@ -107,6 +108,8 @@ class Site(Message):
     cameras: tuple[Camera, ...] = ()
     vision: VisionSettings = VisionSettings(classes={})
     command_timeout_s: Seconds = Field(default=1.0, description="site time without a command after which machines halt")
+    failures: FailurePolicies = Field(default=FailurePolicies(), description="what is done when a task fails")
+    approval: tuple[ApprovalRule, ...] = Field(default=(), description="which plans wait for a person in any case")
     seed: int = 1
 
     @model_validator(mode="after")
@@ -126,6 +129,9 @@ class Site(Message):
             for skill in robot_type.skills:
                 if skill not in catalogue:
                     raise ValueError(f"robot type {name} names the skill {skill}, which is in no catalogue")
+        for skill in (*self.failures.skills, *(r.skill for r in self.approval if isinstance(r, AskForSkill))):
+            if skill not in catalogue:
+                raise ValueError(f"a policy names the skill {skill}, which is in no catalogue")
         return self
 
     @property

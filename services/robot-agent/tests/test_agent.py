@@ -15,7 +15,16 @@ from muster_bus import Bus
 from muster_bus.runtime import ALREADY_RUNNING_EXIT
 from muster_bus.settings import BAD_SETTINGS_EXIT
 from muster_bus.testing import Process, RouterProcess, eventually, running_bus, service_process
-from muster_schemas.channels import ROBOT_CARD, ROBOT_STATE, SERVICE_ALIVE, SKILL_REQUEST, SKILL_STATUS, STATUS_ACK
+from muster_schemas.channels import (
+    ROBOT_CARD,
+    ROBOT_STATE,
+    ROBOT_STOP,
+    ROBOT_STOP_STATUS,
+    SERVICE_ALIVE,
+    SKILL_REQUEST,
+    SKILL_STATUS,
+    STATUS_ACK,
+)
 from muster_schemas.robot import (
     RequestAction,
     RobotCard,
@@ -25,6 +34,7 @@ from muster_schemas.robot import (
     SkillStatusKind,
     StatusAck,
 )
+from muster_schemas.stops import StopRequest, StopStatus
 
 MODULE = "muster_robot_agent"
 T1, T2 = "robot_dump_truck_01", "robot_dump_truck_02"
@@ -39,6 +49,7 @@ class Listener:
     cards: dict[str, RobotCard] = field(default_factory=dict[str, RobotCard])
     states: dict[str, RobotState] = field(default_factory=dict[str, RobotState])
     statuses: list[SkillStatus] = field(default_factory=list[SkillStatus])
+    stops: list[StopStatus] = field(default_factory=list[StopStatus])
 
     async def follow_cards(self) -> None:
         """Keep the newest cards."""
@@ -60,6 +71,29 @@ class Listener:
             async for received in messages:
                 if received.message is not None:
                     self.statuses.append(received.message)
+
+    async def follow_stops(self) -> None:
+        """Keep what is said of stops."""
+        async with self.bus.subscribe(ROBOT_STOP_STATUS) as messages:
+            async for received in messages:
+                if received.message is not None:
+                    self.stops.append(received.message)
+
+    async def stop(self, number: int, *, stopped: bool, robot_id: str = T1) -> StopStatus:
+        """Stop or release a robot as a scheduler would, until it has obeyed; return its word."""
+        heard = len(self.stops)
+
+        def obeyed() -> StopStatus | None:
+            return next((s for s in self.stops[heard:] if s.number == number and (s.standing or not stopped)), None)
+
+        for _ in range(240):
+            request = StopRequest(robot_id=robot_id, number=number, stopped=stopped, issued_at=time.time())
+            self.bus.publish(ROBOT_STOP, request, robot_id=robot_id)
+            with contextlib.suppress(pytest.fail.Exception):
+                status = await eventually(obeyed, 0.5)
+                assert status is not None
+                return status
+        raise AssertionError("the robot did not obey")
 
     async def card(self, robot_id: str = T1, *, after: str = "") -> RobotCard:
         """Wait for a robot's card, of a later life than `after`."""
@@ -118,7 +152,12 @@ async def listening(router: RouterProcess) -> AsyncGenerator[Listener]:
         listener = Listener(bus)
         tasks = [
             asyncio.create_task(follow())
-            for follow in (listener.follow_cards, listener.follow_states, listener.follow_statuses)
+            for follow in (
+                listener.follow_cards,
+                listener.follow_states,
+                listener.follow_statuses,
+                listener.follow_stops,
+            )
         ]
         # the subscriptions are there once the bus has settled them
         await asyncio.sleep(0.2)
@@ -212,6 +251,33 @@ async def test_cancel_pause_and_resume_are_obeyed_by_the_machine(router: RouterP
         await scheduler.until("t1", SkillStatusKind.CANCELLED)
         await eventually(lambda: scheduler.states[T1].busy_with is None and not scheduler.states[T1].path)
         assert SkillStatusKind.SUCCEEDED not in scheduler.states_of("t1")
+
+
+async def test_a_stop_holds_the_machine_over_a_restart_until_the_release(router: RouterProcess, tmp_path: Path) -> None:
+    """In mid-drive it comes to a stand and says so; idle it says that, too; it starts nothing before the release."""
+    async with listening(router) as scheduler:
+        async with service_process(MODULE, router, environment(tmp_path, factor="3")) as agent:
+            card = await scheduler.card()
+            scheduler.ask(card, goals=[{"x": 20 * (-1) ** n, "y": -18, "yaw": 0} for n in range(8)])
+            await scheduler.until_driving()
+            status = await scheduler.stop(7, stopped=True)
+            assert (status.stopped, status.was_busy, status.busy_with is not None) == (True, True, True)
+            await eventually(lambda: scheduler.states[T1].stopped and abs(scheduler.states[T1].speed_mps) < 0.06)
+            at = scheduler.states[T1].pose
+            await scheduler.stop(8, stopped=False)
+            await eventually(lambda: scheduler.states[T1].pose.distance(at) > 2, 60)
+            await scheduler.stop(9, stopped=True)
+            await agent.kill()
+        async with service_process(MODULE, router, environment(tmp_path)):
+            second = await scheduler.card(after=card.boot_id)
+            scheduler.ask(second, task_id="t2")
+            refusal = await scheduler.until("t2", SkillStatusKind.REFUSED)
+            assert "stopped" in (refusal.reason or "")
+            assert not (await scheduler.stop(9, stopped=True)).was_busy
+            await scheduler.stop(10, stopped=False)
+            scheduler.ask(second, task_id="t3")
+            await scheduler.until("t3", SkillStatusKind.STARTED)
+    assert [line["task_id"] for line in history(tmp_path, "start")] == ["t1", "t3"]
 
 
 async def test_a_cancel_that_overtakes_the_start_wins(router: RouterProcess, tmp_path: Path) -> None:

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 from muster_bus.testing import RouterProcess, running_bus
+from muster_scheduler.core.errors import NotPossibleError
 from muster_scheduler.core.events import MissionSubmitted, Policy, SelectorBound
-from muster_scheduler.core.missions import NotPossibleError
 from muster_scheduler.engine import Engine, Wish, replay
 from muster_scheduler.journal import Journal, JournalUnavailableError
 from muster_scheduler.outbox import Outbox

@@ -10,6 +10,8 @@ from muster_bus import Bus, crash
 from muster_schemas.channels import (
     ROBOT_CARD,
     ROBOT_STATE,
+    ROBOT_STOP,
+    ROBOT_STOP_STATUS,
     SERVICE_ALIVE,
     SKILL_REQUEST,
     SKILL_STATUS,
@@ -17,6 +19,7 @@ from muster_schemas.channels import (
 )
 from muster_schemas.robot import RobotCard, RobotState, SkillStatusKind
 from muster_schemas.sim import Telemetry
+from muster_schemas.stops import StopRequest, StopStatus
 
 from .core import Begin, Continue, Core, Effect, Halt, Hold, Save, Say
 from .drivers.port import Driver
@@ -24,6 +27,7 @@ from .history import History
 from .journal import Journal
 from .machine import Machine
 from .skills.execution import SKILLS, SkillRun
+from .stops import StopBook
 from .surroundings import SiteView, Surroundings
 from .watching import Watch
 
@@ -31,8 +35,12 @@ STATE_EVERY_SITE_S: Final = 0.2
 STATE_AT_MOST_EVERY_S: Final = 0.04
 STATE_AT_LEAST_EVERY_S: Final = 0.3
 HOUSEKEEPING_S: Final = 0.1
+NO_TELEMETRY: Final = "the machine sends no telemetry"
 RESTARTED_S: Final = 1.0
 """A machine's clock that is set back by more than this has begun anew."""
+
+STOP: Final = "stop"
+"""The journal's name for the newest stop order."""
 
 _log = structlog.stdlib.get_logger(__name__)
 
@@ -53,6 +61,9 @@ class RobotAgent:
         self._journal = journal
         self._history = history
         self._core = Core(robot_id, bus.boot_id, self.card.skills, attempts=journal.attempts(), epoch=journal.epoch())
+        self._stop = StopBook.kept(journal.number(STOP))
+        self._said_standing = True
+        """Whether the newest stop has been answered with the machine at a stand."""
         self._machine: Machine | None = None
         self._run: SkillRun | None = None
         self._watch = Watch(time.monotonic())
@@ -69,6 +80,7 @@ class RobotAgent:
             async with asyncio.TaskGroup() as tasks:
                 tasks.create_task(self._follow_machine())
                 tasks.create_task(self._follow_requests())
+                tasks.create_task(self._follow_stops())
                 tasks.create_task(self._follow_acks())
                 tasks.create_task(self._follow_scheduler())
                 tasks.create_task(self._keep_house())
@@ -81,9 +93,20 @@ class RobotAgent:
         async with self._bus.subscribe(SKILL_REQUEST, robot_id=self.card.robot_id) as messages:
             async for received in messages:
                 if received.message is not None:
-                    late = self._machine is None or self._watch.machine_is_late
-                    hindrance = "the machine sends no telemetry" if late else None
-                    self._carry_out(self._core.request(received.message, time.time(), hindrance))
+                    self._carry_out(self._core.request(received.message, time.time(), self._hindrance))
+
+    async def _follow_stops(self) -> None:
+        async with self._bus.subscribe(ROBOT_STOP, robot_id=self.card.robot_id) as messages:
+            async for received in messages:
+                if received.message is not None and received.message.robot_id == self.card.robot_id:
+                    self._on_stop(received.message)
+
+    @property
+    def _hindrance(self) -> str | None:
+        """Why nothing can be started now, or None."""
+        if self._stop.stopped:
+            return "a person has stopped this robot; release it first"
+        return NO_TELEMETRY if self._machine is None or self._watch.machine_is_late else None
 
     async def _follow_acks(self) -> None:
         async with self._bus.subscribe(STATUS_ACK, robot_id=self.card.robot_id) as messages:
@@ -111,7 +134,7 @@ class RobotAgent:
             self._carry_out(self._core.tick(time.time()))
             fault = self._watch.must_hold
             if self._machine is not None and self._watch.machine_is_late:
-                fault = "the machine sends no telemetry"
+                fault = NO_TELEMETRY
                 if self._run is not None and self._watch.machine_is_gone:
                     self._run.give_up(fault)
                     self._finish(self._run)
@@ -138,15 +161,49 @@ class RobotAgent:
         if run is None:
             machine.sense(telemetry)
         else:
-            order = run.step(telemetry, suspended=self._watch.must_hold is not None)
+            order = run.step(telemetry, suspended=self._stop.stopped or self._watch.must_hold is not None)
             self._driver.apply(order, telemetry.site_time_s)
             self._report(run, machine)
+        if self._stop.stopped and not self._said_standing and self._why_not_standing is None:
+            self._say_stop()
         self._keep_arrival(machine)
         now = time.monotonic()
         due = telemetry.site_time_s - self._state_site_s >= STATE_EVERY_SITE_S - 1e-6
         if due and now - self._state_at >= STATE_AT_MOST_EVERY_S:
             self._state_site_s = telemetry.site_time_s
             self._publish_state(now)
+
+    def _on_stop(self, request: StopRequest) -> None:
+        after = self._stop.after(request, busy=self._run is not None)
+        if after is not self._stop:
+            self._journal.keep_number(STOP, after.kept_number)
+            self._stop = after
+            self._log.warning("stopped" if after.stopped else "released", number=after.number)
+        self._say_stop()
+
+    def _say_stop(self) -> None:
+        why_not = self._why_not_standing
+        self._said_standing = why_not is None
+        status = StopStatus(
+            robot_id=self.card.robot_id,
+            boot_id=self._bus.boot_id,
+            number=self._stop.number,
+            stopped=self._stop.stopped,
+            standing=why_not is None,
+            was_busy=self._stop.was_busy,
+            busy_with=self._core.active,
+            reason=why_not,
+            at=time.time(),
+        )
+        self._bus.publish(ROBOT_STOP_STATUS, status, robot_id=self.card.robot_id)
+
+    @property
+    def _why_not_standing(self) -> str | None:
+        """Why the machine may still move, or None if it stands."""
+        if self._machine is None or self._watch.machine_is_late:
+            return NO_TELEMETRY
+        held = self._run is None or self._run.holds
+        return None if held and self._machine.still else "it is coming to a stand"
 
     def _meet(self, telemetry: Telemetry) -> Machine:
         machine = self._machine = Machine(self.card, self._kind, self._surroundings, telemetry)
@@ -241,6 +298,7 @@ class RobotAgent:
             path=machine.path,
             rules_revision=self._surroundings.rules.revision,
             fault=self._fault,
+            stopped=self._stop.stopped,
             at=time.time(),
         )
         self._bus.publish(ROBOT_STATE, state, robot_id=self.card.robot_id)

@@ -12,11 +12,11 @@ import structlog
 from muster_bus import crash
 from muster_schemas.skills import Skill
 
-from .core import attempts, requests
+from .core import attempts, requests, stops
 from .core.core import Core
 from .core.effects import Effect
-from .core.events import AnyEvent, Policy, Started, StatusReceived, Tick
-from .core.missions import NotPossibleError
+from .core.errors import NotPossibleError
+from .core.events import AnyEvent, Policy, Started, StatusReceived, StopObeyed, Tick
 from .core.transitions import InvalidTransition
 from .journal import Journal, JournalUnavailableError
 from .outbox import Outbox
@@ -104,6 +104,8 @@ class Engine:
         if isinstance(event, StatusReceived) and not attempts.is_news(state, event.status):
             # late, repeated or not ours: nothing to write down, but its sender may rest
             return [], [requests.acknowledgement(state, event.status)] if event.status.state.final else []
+        if isinstance(event, StopObeyed) and not stops.is_news(state, event.status):
+            return [], []
         return advance(self.core, event, self._sightings.world)
 
     def _finish(self, events: list[AnyEvent], effects: list[Effect], happened: list[Wish]) -> None:

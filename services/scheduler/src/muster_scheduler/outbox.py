@@ -9,23 +9,27 @@ from muster_schemas.channels import (
     AREAS,
     KEYWORDS,
     MISSION_STATE,
+    ROBOT_STOP,
     SKILL_REQUEST,
     STATUS_ACK,
     TASK_STATE,
 )
 from muster_schemas.robot import SkillRequest, TaskRef
+from muster_schemas.stops import StopRequest
 from muster_schemas.world import Keywords
 
 from .core.effects import (
     Acknowledge,
     Effect,
     Hush,
+    HushStop,
     LookFor,
     PublishAreas,
     PublishMission,
     PublishTask,
     RetractTask,
     Send,
+    SendStop,
 )
 
 REPEAT_S: Final = 0.5
@@ -33,9 +37,12 @@ VALID_S: Final = 10.0
 """A request that arrives later than this after it was sent is refused: it was held up somewhere."""
 
 
+_ToRobot = Send | Hush | SendStop | HushStop | Acknowledge
+
+
 @dataclass(slots=True)
 class _Outstanding:
-    request: SkillRequest
+    request: SkillRequest | StopRequest
     next_at: float
 
 
@@ -44,7 +51,8 @@ class Outbox:
 
     def __init__(self, bus: Bus) -> None:
         self._bus = bus
-        self._outstanding: dict[tuple[str, TaskRef], _Outstanding] = {}
+        self._outstanding: dict[tuple[str, TaskRef | None], _Outstanding] = {}
+        """By robot and attempt; None for its stop order, of which only the newest counts."""
 
     def carry_out(self, effects: Iterable[Effect], at: float, now: float) -> None:
         """Do the effects of one batch: robots first, and of several states of one thing only the last.
@@ -57,7 +65,7 @@ class Outbox:
         """
         states: dict[tuple[str, ...], PublishTask | PublishMission | RetractTask | LookFor] = {}
         areas: PublishAreas | None = None
-        requests: list[Send | Hush | Acknowledge] = []
+        requests: list[_ToRobot] = []
         for effect in effects:
             match effect:
                 case PublishTask():
@@ -70,12 +78,12 @@ class Outbox:
                     states["look", *effect.objects] = effect
                 case PublishAreas():
                     areas = effect
-                case Send() | Hush() | Acknowledge():
+                case Send() | Hush() | SendStop() | HushStop() | Acknowledge():
                     requests.append(effect)
         if areas is not None:
             crash.point("send")
             self._bus.publish(AREAS, areas.rules)
-        for effect in requests:
+        for effect in sorted(requests, key=lambda e: not isinstance(e, SendStop)):
             self._address(effect, at, now)
         for effect in states.values():
             self._tell(effect)
@@ -91,7 +99,7 @@ class Outbox:
         """Ask the cameras for objects."""
         self._bus.publish(KEYWORDS, Keywords(keywords=tuple(objects)[:64], asked_by="scheduler"))
 
-    def _address(self, effect: Send | Hush | Acknowledge, at: float, now: float) -> None:
+    def _address(self, effect: _ToRobot, at: float, now: float) -> None:
         crash.point("send")
         match effect:
             case Send(request=request):
@@ -99,10 +107,19 @@ class Outbox:
                 self._send(request, at)
             case Hush():
                 self._outstanding.pop((effect.robot_id, effect.ref), None)
+            case SendStop(request=request):
+                self._outstanding[request.robot_id, None] = _Outstanding(request, now + REPEAT_S)
+                self._send(request, at)
+            case HushStop():
+                self._outstanding.pop((effect.robot_id, None), None)
             case Acknowledge():
                 self._bus.publish(STATUS_ACK, effect.ack, robot_id=effect.ack.robot_id, skill=effect.skill)
 
-    def _send(self, request: SkillRequest, at: float) -> None:
+    def _send(self, request: SkillRequest | StopRequest, at: float) -> None:
+        if isinstance(request, StopRequest):
+            fresh_stop = request.model_copy(update={"issued_at": at})
+            self._bus.publish(ROBOT_STOP, fresh_stop, robot_id=request.robot_id)
+            return
         fresh = request.model_copy(update={"issued_at": at, "deadline": at + VALID_S})
         self._bus.publish(SKILL_REQUEST, fresh, robot_id=request.robot_id, skill=request.skill)
 

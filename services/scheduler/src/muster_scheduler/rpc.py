@@ -9,7 +9,7 @@ from itertools import islice
 from typing import Final
 
 from muster_bus import Bus, Refusal
-from muster_schemas.channels import CONTROL, MISSIONS, RULES, SUBMIT
+from muster_schemas.channels import CONTROL, MISSIONS, RULES, STOP, SUBMIT
 from muster_schemas.gate import check_plan, unknown_objects
 from muster_schemas.ids import new_id
 from muster_schemas.mission import MissionStatus, MissionView, Reason
@@ -25,11 +25,14 @@ from muster_schemas.rpc import (
     RulesQuery,
     SubmitMission,
 )
+from muster_schemas.stops import StopReply, StopRobots
 from muster_schemas.world import AreaRules
 
+from .core import stops
 from .core.core import Core
-from .core.events import AnyEvent, MissionControlled, MissionSubmitted
-from .core.missions import NotPossibleError, changes_nothing, is_possible
+from .core.errors import NotPossibleError
+from .core.events import AnyEvent, MissionControlled, MissionSubmitted, StopOrdered
+from .core.missions import changes_nothing, is_possible
 from .core.outcomes import NO_WORD
 from .core.state import Mission, Presence, State
 from .core.views import mission_state, mission_view
@@ -41,7 +44,7 @@ LOOK_FOR_S: Final = 3.0
 """How long a plan waits for its objects to be found before it is refused."""
 POLL_S: Final = 0.05
 CANCEL_REPLY_S: Final = 1.0
-"""How long a cancel waits for the robots' words before it answers with what is known."""
+"""How long a cancel or stop waits for the robots' words before it answers with what is known."""
 LISTED_TASKS: Final = 10_000
 """Of a list of missions, so many tasks are told; missions beyond come without plan and tasks."""
 ROBOTS_MAY_COME: Final = frozenset({"unknown_robot", "unknown_type", "too_few_robots", "not_all_robots"})
@@ -65,6 +68,7 @@ class Desk:
             bus.serve(SUBMIT, self.submit),
             bus.serve(CONTROL, self.control),
             bus.serve(MISSIONS, self.missions),
+            bus.serve(STOP, self.stop),
             bus.serve(RULES, self.rules),
         ):
             yield
@@ -110,6 +114,13 @@ class Desk:
         if request.action is MissionAction.CANCEL:
             await self._until(lambda: self._all_said(request.mission_id), CANCEL_REPLY_S)
         return _reply(self._state.missions[request.mission_id])
+
+    async def stop(self, request: StopRobots) -> StopReply:
+        """Stop or release a robot or all; answer when each that can be reached has obeyed, or soon after."""
+        robot_id = request.robot_id
+        await self._happen(lambda at: StopOrdered(at=at, robot_id=robot_id, stop=request.stop))
+        await self._until(lambda: stops.all_said(self._state, robot_id), CANCEL_REPLY_S)
+        return stops.known(self._state, robot_id)
 
     async def missions(self, query: MissionsQuery) -> MissionsReply:
         """Return one mission or the newest ones."""

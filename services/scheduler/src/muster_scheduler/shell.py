@@ -9,13 +9,22 @@ from typing import Final, TypeVar
 import structlog
 from muster_bus import Bus, Presence, Received
 from muster_schemas.base import Message
-from muster_schemas.channels import OBJECT, ROBOT_ALIVE, ROBOT_CARD, ROBOT_STATE, SKILL_STATUS, Channel
+from muster_schemas.channels import (
+    OBJECT,
+    ROBOT_ALIVE,
+    ROBOT_CARD,
+    ROBOT_STATE,
+    ROBOT_STOP_STATUS,
+    SKILL_STATUS,
+    Channel,
+)
 from muster_schemas.robot import RobotCard, RobotState, SkillStatus
 from muster_schemas.site import Site
+from muster_schemas.stops import StopStatus
 from muster_schemas.world import MapObject
 
 from .core.core import Core
-from .core.events import AnyEvent, Policy, StatusReceived
+from .core.events import AnyEvent, Policy, StatusReceived, StopObeyed
 from .engine import Engine, Wish
 from .journal import Journal
 from .outbox import Outbox
@@ -56,6 +65,7 @@ class Shell:
                 group.create_task(self._read(ROBOT_CARD, self._on_card), name="cards"),
                 group.create_task(self._read(ROBOT_STATE, self._on_state), name="states"),
                 group.create_task(self._read(SKILL_STATUS, self._on_status), name="statuses"),
+                group.create_task(self._read(ROBOT_STOP_STATUS, self._on_stopped), name="stops"),
                 group.create_task(self._watch(), name="robots alive"),
             ]
             stopping = group.create_task(self._wake_at_stop(stop), name="stop")
@@ -124,6 +134,10 @@ class Shell:
     def _on_status(self, received: Received[SkillStatus]) -> None:
         if received.message is not None:
             self._want(StatusReceived(at=self._engine.now(), status=received.message))
+
+    def _on_stopped(self, received: Received[StopStatus]) -> None:
+        if received.message is not None:
+            self._want(StopObeyed(at=self._engine.now(), status=received.message))
 
     def _on_alive(self, change: Presence) -> None:
         self._sightings.token(change.ids["robot_id"], change.ids["boot_id"], time.monotonic(), alive=change.alive)

@@ -11,10 +11,11 @@ from muster_schemas.plan import PlanTask
 from muster_schemas.robot import SkillRequest, SkillStatus, SkillStatusKind, TaskRef
 from muster_schemas.rpc import ControlMission, MissionAction
 from muster_schemas.site import Site, Thing
+from muster_schemas.stops import StopRequest, StopStatus
 from muster_schemas.world import MapObject
 
 from .core.core import Core
-from .core.effects import Effect, Hush, PublishMission, PublishTask, Send
+from .core.effects import Effect, Hush, HushStop, PublishMission, PublishTask, Send, SendStop
 from .core.events import (
     AnyEvent,
     MissionControlled,
@@ -25,6 +26,8 @@ from .core.events import (
     RobotOnline,
     Started,
     StatusReceived,
+    StopObeyed,
+    StopOrdered,
     Tick,
 )
 from .core.invariants import validate
@@ -73,6 +76,8 @@ class Yard:
         """All that the journal would hold."""
         self.outbox: dict[tuple[str, TaskRef], SkillRequest] = {}
         """What is being sent."""
+        self.stops: dict[str, StopRequest] = {}
+        """Stop orders that are being sent."""
         self.starts: list[tuple[str, TaskRef]] = []
         self.published: list[PublishTask | PublishMission] = []
         self.now = 1000.0
@@ -92,6 +97,10 @@ class Yard:
                     self.outbox[request.robot_id, request.ref] = request
                 case Hush():
                     self.outbox.pop((effect.robot_id, effect.ref), None)
+                case SendStop(request=request):
+                    self.stops[request.robot_id] = request
+                case HushStop():
+                    self.stops.pop(effect.robot_id, None)
                 case PublishTask() | PublishMission():
                     self.published.append(effect)
                 case _:
@@ -132,6 +141,24 @@ class Yard:
     def robot_lost(self, robot_id: str) -> None:
         """Let a robot be lost."""
         self.happen(RobotOffline(at=self.now, robot_id=robot_id, reason="gone"))
+
+    def stop(self, robot_id: str | None = None, *, stop: bool = True) -> None:
+        """Let someone stop a robot or the site, or release it."""
+        self.happen(StopOrdered(at=self.now, robot_id=robot_id, stop=stop))
+
+    def obey_stop(self, robot_id: str, *, standing: bool = True, **rest: Any) -> None:
+        """Let a robot answer the stop order that it is being sent."""
+        order = self.stops[robot_id]
+        status = StopStatus(
+            robot_id=robot_id,
+            boot_id=self.boots[robot_id],
+            number=order.number,
+            stopped=order.stopped,
+            standing=standing,
+            at=self.now,
+            **rest,
+        )
+        self.happen(StopObeyed(at=self.now, status=status))
 
     def submit(self, *tasks: PlanTask, priority: int = 5, ask: bool = False) -> Mission:
         """Make a mission."""

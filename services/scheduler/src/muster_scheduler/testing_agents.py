@@ -13,6 +13,8 @@ from muster_schemas.channels import (
     ROBOT_ALIVE,
     ROBOT_CARD,
     ROBOT_STATE,
+    ROBOT_STOP,
+    ROBOT_STOP_STATUS,
     SKILL_REQUEST,
     SKILL_STATUS,
     STATUS_ACK,
@@ -27,6 +29,7 @@ from muster_schemas.robot import (
     TaskRef,
 )
 from muster_schemas.site import Site
+from muster_schemas.stops import StopRequest, StopStatus
 
 from .testing import as_seen
 
@@ -53,6 +56,10 @@ class SimulatedAgent:
         """(monotonic time, 'start' or 'end', request)"""
         self.requests: list[SkillRequest] = []
         self.unacked: dict[TaskRef, SkillStatus] = {}
+        self.stop: StopRequest | None = None
+        """The newest stop order."""
+        self.deaf = False
+        """Whether it leaves stop orders unanswered."""
         self._last: dict[TaskRef, SkillStatus] = {}
         self._running: dict[TaskRef, asyncio.Task[None]] = {}
         self._pose: Pose = self.card.home
@@ -63,6 +70,7 @@ class SimulatedAgent:
         ids = {"robot_id": self.robot_id}
         async with contextlib.AsyncExitStack() as stack:
             requests = await stack.enter_async_context(self.bus.subscribe(SKILL_REQUEST, **ids))
+            stops = await stack.enter_async_context(self.bus.subscribe(ROBOT_STOP, **ids))
             acks = await stack.enter_async_context(self.bus.subscribe(STATUS_ACK, **ids))
             self.bus.publish(ROBOT_CARD, self.card, **ids)
             await stack.enter_async_context(self.bus.alive(ROBOT_ALIVE, boot_id=self.card.boot_id, **ids))
@@ -72,6 +80,11 @@ class SimulatedAgent:
                     if received.message is not None:
                         self._obey(received.message)
 
+            async def stand() -> None:
+                async for received in stops:
+                    if received.message is not None and not self.deaf:
+                        self._obey_stop(received.message)
+
             async def hear() -> None:
                 async for received in acks:
                     ack = received.message
@@ -80,7 +93,7 @@ class SimulatedAgent:
                         if ref in self.unacked and ack.seq >= self.unacked[ref].seq:
                             del self.unacked[ref]
 
-            work = [asyncio.create_task(c) for c in (obey(), hear(), self._beat(), self._repeat())]
+            work = [asyncio.create_task(c) for c in (obey(), stand(), hear(), self._beat(), self._repeat())]
             try:
                 yield
             finally:
@@ -107,6 +120,25 @@ class SimulatedAgent:
             for status in tuple(self.unacked.values()):
                 self.say(status)
 
+    @property
+    def stopped(self) -> bool:
+        """Whether it must stand still."""
+        return self.stop is not None and self.stop.stopped
+
+    def _obey_stop(self, request: StopRequest) -> None:
+        if self.stop is None or request.number > self.stop.number:
+            self.stop = request
+        status = StopStatus(
+            robot_id=self.robot_id,
+            boot_id=self.card.boot_id,
+            number=self.stop.number,
+            stopped=self.stop.stopped,
+            standing=True,
+            was_busy=bool(self._running),
+            at=time.time(),
+        )
+        self.bus.publish(ROBOT_STOP_STATUS, status, robot_id=self.robot_id)
+
     def _obey(self, request: SkillRequest) -> None:
         self.requests.append(request)
         ref = request.ref
@@ -118,8 +150,8 @@ class SimulatedAgent:
                 self.say(self._last[ref])
         elif request.action is not RequestAction.START:
             self._end(request, SkillStatusKind.UNKNOWN)
-        elif request.boot_id != self.card.boot_id or self._running:
-            self._end(request, SkillStatusKind.REFUSED, "busy or another life")
+        elif request.boot_id != self.card.boot_id or self._running or self.stopped:
+            self._end(request, SkillStatusKind.REFUSED, "busy, stopped or another life")
         else:
             self.log.append((time.monotonic(), "start", request))
             self.started[ref] += 1
@@ -129,6 +161,8 @@ class SimulatedAgent:
     async def _work(self, request: SkillRequest) -> None:
         await asyncio.sleep(self.takes_s)
         await self.hold.wait()
+        while self.stopped:  # noqa: ASYNC110  (a simulated machine)
+            await asyncio.sleep(STATE_S)
         if request.goals:
             self._pose = request.goals[-1]
         self.log.append((time.monotonic(), "end", request))

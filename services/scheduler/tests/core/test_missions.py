@@ -2,7 +2,7 @@
 
 import pytest
 from muster_scheduler.core.effects import RetractTask
-from muster_scheduler.core.missions import NotPossibleError
+from muster_scheduler.core.errors import NotPossibleError
 from muster_scheduler.testing import Yard, planned, replayed
 from muster_schemas.mission import MissionStatus, Reason, TaskStatus
 from muster_schemas.plan import Plan

@@ -165,6 +165,19 @@ class WholeCore(RuleBasedStateMachine):
                 self.begun[other, ref] = SkillStatusKind.INTERRUPTED
         self.yard.robot_comes(robot_id)
 
+    @rule(index=st.integers(-1, len(SITE.robots) - 1), stop=st.booleans())
+    def someone_stops_or_releases(self, index: int, *, stop: bool) -> None:
+        """Stop or release a robot, or everything."""
+        state = self.yard.core.state
+        if stop or index < 0 or not state.stopped:
+            self.yard.stop(SITE.robots[index].id if index >= 0 else None, stop=stop)
+
+    @precondition(lambda self: self.yard.stops)
+    @rule(index=indexes, standing=st.booleans())
+    def a_robot_answers_a_stop(self, index: int, *, standing: bool) -> None:
+        """Let a robot say whether it stands."""
+        self.yard.obey_stop(sorted(self.yard.stops)[index % len(self.yard.stops)], standing=standing)
+
     @rule(index=indexes)
     def an_object_goes_or_comes(self, index: int) -> None:
         """Have the cameras lose or find something."""
@@ -202,6 +215,7 @@ class WholeCore(RuleBasedStateMachine):
             if r.action is RequestAction.START and "areas" not in r.skill
         ]
         assert len({robot_id for robot_id, _ in starts}) == len(starts)
+        assert not [r for r, _ in starts if self.yard.core.state.robots[r].stopped]
 
     def teardown(self) -> None:
         """When everything works again, every mission ends."""
@@ -210,6 +224,9 @@ class WholeCore(RuleBasedStateMachine):
             for (other, ref), last in list(self.begun.items()):
                 if other == robot.id and not last.final:
                     self.begun[other, ref] = SkillStatusKind.INTERRUPTED
+        self.yard.stop(stop=False)
+        for robot in SITE.robots:
+            self.yard.stop(robot.id, stop=False)
         self.yard.see(SITE)
         for mission in self.missions:
             for action in (MissionAction.REFUSE, MissionAction.REJECT, MissionAction.RESUME):

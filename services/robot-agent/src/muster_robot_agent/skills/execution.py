@@ -79,6 +79,10 @@ class SkillRun:
                 machine.hold()
             self._waiting = True
             self.held = self._paused and machine.still
+            if self._cancelled and machine.still:
+                # whoever wants it to hold still does not want it to move into a better rest either
+                self._steps.close()
+                self.outcome = Outcome(SkillStatusKind.CANCELLED, "held as it stood")
             return machine.order()
         self._waiting = False
         try:
@@ -93,6 +97,11 @@ class SkillRun:
             machine.hold()
             machine.path = ()
         return machine.order()
+
+    @property
+    def holds(self) -> bool:
+        """Whether the last order was to hold every track and joint where it is."""
+        return self._waiting
 
     def pause(self) -> None:
         """Hold still until `resume`."""

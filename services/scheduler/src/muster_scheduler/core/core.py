@@ -2,7 +2,7 @@
 
 from muster_schemas.mission import TaskStatus
 
-from . import attempts, missions, outcomes, presence, readiness
+from . import attempts, missions, outcomes, presence, readiness, stops
 from .effects import Effect
 from .events import (
     AnyEvent,
@@ -15,6 +15,8 @@ from .events import (
     SelectorBound,
     Started,
     StatusReceived,
+    StopObeyed,
+    StopOrdered,
     TaskBlocked,
     TaskDispatched,
     TaskImpossible,
@@ -43,6 +45,10 @@ class Core:
         match event:
             case StatusReceived():
                 attempts.hear(turn, event.status)
+            case StopOrdered():
+                stops.order(turn, event)
+            case StopObeyed():
+                stops.hear(turn, event.status)
             case MissionSubmitted():
                 missions.submit(turn, event)
             case MissionControlled():

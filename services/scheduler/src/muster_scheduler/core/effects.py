@@ -6,6 +6,7 @@ from muster_schemas.base import Message
 from muster_schemas.ids import Id
 from muster_schemas.mission import MissionState, TaskState
 from muster_schemas.robot import SkillRequest, StatusAck, TaskRef
+from muster_schemas.stops import StopRequest
 from muster_schemas.world import AreaRules
 
 
@@ -25,6 +26,20 @@ class Hush(Message):
     kind: Literal["hush"] = "hush"
     robot_id: Id
     ref: TaskRef
+
+
+class SendStop(Message):
+    """Send this order to stop or go on now and again until another one, or `HushStop`, takes its place."""
+
+    kind: Literal["send_stop"] = "send_stop"
+    request: StopRequest
+
+
+class HushStop(Message):
+    """The robot has obeyed: stop sending."""
+
+    kind: Literal["hush_stop"] = "hush_stop"
+    robot_id: Id
 
 
 class Acknowledge(Message):
@@ -71,4 +86,15 @@ class LookFor(Message):
     objects: tuple[Id, ...]
 
 
-Effect = Send | Hush | Acknowledge | PublishMission | PublishTask | RetractTask | PublishAreas | LookFor
+Effect = (
+    Send
+    | Hush
+    | SendStop
+    | HushStop
+    | Acknowledge
+    | PublishMission
+    | PublishTask
+    | RetractTask
+    | PublishAreas
+    | LookFor
+)

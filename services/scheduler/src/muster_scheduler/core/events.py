@@ -12,6 +12,7 @@ from muster_schemas.plan import PlanTask
 from muster_schemas.robot import RobotCard, SkillStatus, TargetObject
 from muster_schemas.rpc import ControlMission
 from muster_schemas.skills import Skill
+from muster_schemas.stops import StopStatus
 from muster_schemas.world import AreaRule
 from pydantic import Field, TypeAdapter
 
@@ -102,6 +103,21 @@ class StatusReceived(Event):
     status: SkillStatus
 
 
+class StopOrdered(Event):
+    """Someone stops or releases one robot, or all."""
+
+    kind: Literal["stop_ordered"] = "stop_ordered"
+    robot_id: Id | None = None
+    stop: bool
+
+
+class StopObeyed(Event):
+    """An agent's word that it has obeyed the newest stop order."""
+
+    kind: Literal["stop_obeyed"] = "stop_obeyed"
+    status: StopStatus
+
+
 class Tick(Event):
     """A deadline of the core's has come."""
 
@@ -166,6 +182,8 @@ AnyEvent = Annotated[
     | RulesObeyed
     | ObjectsChanged
     | StatusReceived
+    | StopOrdered
+    | StopObeyed
     | Tick
     | SelectorBound
     | TaskDispatched

@@ -10,20 +10,13 @@ from muster_schemas.rpc import ControlMission, ErrorCode, MissionAction
 
 from . import attempts, outcomes, readiness, requests
 from .effects import RetractTask
+from .errors import NotPossibleError
 from .events import MissionSubmitted
 from .graph import TaskGraph
 from .state import Mission, Selector, State, Task
 from .turn import Turn
 
 S = MissionStatus
-
-
-class NotPossibleError(Exception):
-    """A caller asks for what cannot be; nothing has changed."""
-
-    def __init__(self, code: ErrorCode, message: str) -> None:
-        self.code = code
-        super().__init__(message)
 
 
 def submit(turn: Turn, event: MissionSubmitted) -> None:
@@ -209,6 +202,9 @@ _ALLOWED: Final = {
     MissionAction.CANCEL: (S.PLANNING, S.AWAITING_APPROVAL, S.RUNNING, S.PAUSED),
     MissionAction.PAUSE: (S.RUNNING,),
     MissionAction.RESUME: (S.PAUSED,),
+    MissionAction.RETRY: (),
+    MissionAction.SKIP: (),
+    MissionAction.REPLAN: (),
 }
 _DONE: Final = {
     MissionAction.REFUSE: (S.REJECTED,),
@@ -217,4 +213,7 @@ _DONE: Final = {
     MissionAction.CANCEL: (S.CANCELLED,),
     MissionAction.PAUSE: (S.PAUSED,),
     MissionAction.RESUME: (S.RUNNING,),
+    MissionAction.RETRY: (),
+    MissionAction.SKIP: (),
+    MissionAction.REPLAN: (),
 }

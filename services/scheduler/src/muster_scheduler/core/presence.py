@@ -4,7 +4,7 @@ import heapq
 
 from muster_schemas.skills import Catalogue
 
-from . import attempts, readiness, requests
+from . import attempts, readiness, requests, stops
 from .effects import PublishAreas, PublishMission, PublishTask
 from .events import ObjectsChanged, RobotOffline, RobotOnline, RulesObeyed, Started
 from .state import Presence, Robot
@@ -47,6 +47,7 @@ def started(turn: Turn, event: Started) -> None:
         for loose in robot.loose_ends.values():
             loose.asked = None
         requests.chase(turn, robot)
+        stops.ask(turn, robot)
     ended = [m for s, ids in state.by_state.items() if s.ended for m in ids]
     ended.sort(key=lambda m: state.missions[m].number)
     for mission_id in ended[-RECENT_ENDED:]:
@@ -74,6 +75,8 @@ def robot_online(turn: Turn, event: RobotOnline) -> None:
         robot = turn.state.robots[event.card.robot_id] = Robot(card=event.card)
     robot.card = event.card
     robot.presence = Presence.ONLINE
+    stops.bring_in_line(turn, robot)
+    stops.ask(turn, robot)
     requests.chase(turn, robot)
     _work_of(turn, robot)
     readiness.robot_changed(turn, robot)

@@ -67,7 +67,7 @@ def _reasons_of_ready(turn: Turn, mission: Mission, task: Task) -> tuple[str, ..
         return (task.no_room or f"retry: {task.error}",)
     if not task.robots and task.selector is not None:
         return (f"robot: {task.selector.name}",)
-    robots = tuple(f"robot: {r}" for r in task.robots if not _first_for(turn, task, r))
+    robots = tuple(_named(turn, r) for r in task.robots if not _first_for(turn, task, r))
     return robots or ((task.no_room,) if task.no_room else ())
 
 
@@ -79,11 +79,18 @@ def _reasons_of_running(turn: Turn, task: Task) -> tuple[str, ...]:
             continue
         if robot.presence is Presence.OFFLINE:
             waiting.append(f"robot: {run.robot_id} (lost; what it does is unknown)")
+        elif robot.stopped and not task.is_rule:
+            waiting.append(_named(turn, run.robot_id))
         elif task.closing is not None:
             waiting.append(f"robot: {run.robot_id} (to stop)")
         elif run.state is None:
             waiting.append(f"robot: {run.robot_id} (to answer)")
     return tuple(waiting)
+
+
+def _named(turn: Turn, robot_id: str) -> str:
+    robot = turn.state.robots.get(robot_id)
+    return f"robot: {robot_id} (stopped)" if robot is not None and robot.stopped else f"robot: {robot_id}"
 
 
 def _first_for(turn: Turn, task: Task, robot_id: str) -> bool:

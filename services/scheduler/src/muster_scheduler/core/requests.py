@@ -28,19 +28,20 @@ def _wanted(state: State, task: Task, run: Run) -> tuple[RequestAction, str] | N
     if run.over:
         return None
     boot_id = state.robots[run.robot_id].card.boot_id
-    mission_paused = state.missions[task.mission_id].state is MissionStatus.PAUSED
+    stopped = state.robots[run.robot_id].stopped and not task.is_rule
+    halted = stopped or state.missions[task.mission_id].state is MissionStatus.PAUSED
     run_paused = run.state is SkillStatusKind.PAUSED
     action: RequestAction | None = None
     if task.closing is not None:
         action = RequestAction.CANCEL
-    elif run.boot_id != boot_id or (mission_paused and run.state is None):
+    elif run.boot_id != boot_id or (halted and run.state is None):
         # a later life of the agent, or a start that may never have arrived and must not happen now: what is known?
         action = RequestAction.QUERY
     elif run.state is None:
         action = RequestAction.START
-    elif mission_paused and not run_paused and not task.is_rule:
+    elif halted and not run_paused and not task.is_rule:
         action = RequestAction.PAUSE
-    elif run_paused and not mission_paused:
+    elif run_paused and not halted:
         action = RequestAction.RESUME
     return (action, boot_id) if action else None
 

@@ -184,6 +184,18 @@ class LooseEnd:
 
 
 @dataclass(slots=True)
+class StopOrder:
+    """What a robot was told last: to stop, or to go on."""
+
+    number: int
+    stopped: bool
+    obeyed_by: str | None = None
+    """The life of its agent that has said so; None: it is not known."""
+    was_busy: bool = False
+    """Whether it was at work when the order came."""
+
+
+@dataclass(slots=True)
 class Robot:
     """A robot that has been on the site."""
 
@@ -195,11 +207,19 @@ class Robot:
     rules_revision: int = 0
     rule_tasks: dict[TaskKey, None] = field(default_factory=dict[TaskKey, None])
     """Tasks that wait for it to obey area rules."""
+    stopped_alone: bool = False
+    """Someone has stopped this robot, whatever holds for the whole site."""
+    stop: StopOrder | None = None
+
+    @property
+    def stopped(self) -> bool:
+        """Whether it has been told to stop and not been released since."""
+        return self.stop is not None and self.stop.stopped
 
     @property
     def free(self) -> bool:
         """Whether a task may have it now."""
-        return self.presence is Presence.ONLINE and self.holder is None and not self.loose_ends
+        return self.presence is Presence.ONLINE and self.holder is None and not self.loose_ends and not self.stopped
 
 
 @dataclass(slots=True)
@@ -226,6 +246,10 @@ class State:
     by_idempotency_key: dict[str, str] = field(default_factory=dict[str, str])
     robots: dict[str, Robot] = field(default_factory=dict[str, Robot])
     objects: set[str] = field(default_factory=set[str])
+    stopped: bool = False
+    """Someone has stopped the whole site: the robots there are, and those yet to come."""
+    stop_number: int = 0
+    """Of the newest stop order."""
     rules: AreaRules = field(default_factory=lambda: AreaRules(revision=0))
     wanting_object: dict[str, dict[TaskKey, None]] = field(default_factory=dict[str, dict[TaskKey, None]])
     """Ready tasks by the objects that they need."""

@@ -108,5 +108,5 @@ def _is_claimed(state: State, robot_id: str, task: Task, at: float) -> bool:
             return False
         team = [state.robots.get(r) for r in first.robots]
         has_waited = at - (first.ready_at or at) >= PATIENCE_S
-        return has_waited and all(r is not None and r.presence is Presence.ONLINE for r in team)
+        return has_waited and all(r is not None and r.presence is Presence.ONLINE and not r.stopped for r in team)
     return False
