@@ -210,3 +210,12 @@ def test_revisions_only_grow(yard: Yard) -> None:
         key = (state.mission_id, getattr(state, "task_id", ""))
         assert state.revision > seen.get(key, -1)
         seen[key] = state.revision
+
+
+def test_a_wish_that_cannot_be_changes_nothing_not_even_the_time(yard: Yard) -> None:
+    """It is not in the journal, so the replay would not know of it (found by the simulation)."""
+    mission = yard.submit()
+    yard.now += 50.0
+    with pytest.raises(NotPossibleError):
+        yard.control(mission, MissionAction.RESUME)
+    assert yard.core.state == replayed(yard.events).state

@@ -41,7 +41,16 @@ class Core:
             InvalidTransition: a bug; the state must be built again from the journal.
 
         """
+        before = self.state.now
         turn = Turn(self.state, event.at)
+        try:
+            self._apply(turn, event)
+        except missions.NotPossibleError:
+            self.state.now = before  # nothing has changed, not even the time: this event will not be in the journal
+            raise
+        return turn.end()
+
+    def _apply(self, turn: Turn, event: AnyEvent) -> None:
         match event:
             case StatusReceived():
                 attempts.hear(turn, event.status)
@@ -61,7 +70,6 @@ class Core:
                 self._decided(turn, event)
             case Started() | RobotOnline() | RobotOffline() | RulesObeyed() | ObjectsChanged():
                 presence.seen(turn, event)
-        return turn.end()
 
     def take_agenda(self) -> Agenda:
         """Return what policy should look at now, and forget it."""
