@@ -80,14 +80,13 @@ def evaluate(asked: Asked, console: Console) -> None:
 def _answers(asked: Asked) -> "tuple[list[Answer], bool]":
     """Return the answers, and whether all cases were asked; Ctrl-C keeps what there is."""
     from muster_planner.evaluation.cases import read_cases  # noqa: PLC0415
-    from muster_planner.evaluation.fleet import Fleet  # noqa: PLC0415
     from muster_planner.evaluation.running import Judge, chosen  # noqa: PLC0415
     from muster_planner.evaluation.smart_llm import SmartLlm  # noqa: PLC0415
     from muster_planner.offline import open_offline  # noqa: PLC0415
     from muster_planner.surroundings import Surroundings  # noqa: PLC0415
 
-    fleet = Fleet.of(Surroundings.of_file(asked.site).roster)
-    cases = chosen(read_cases(asked.dataset, fleet, asked.site.catalogue), asked.limit)
+    there = Surroundings.of_file(asked.site)
+    cases = chosen(read_cases(asked.dataset, there), asked.limit)
     answers: list[Answer] = []
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     wrap = SmartLlm if asked.method == "smart-llm" else None
@@ -96,7 +95,7 @@ def _answers(asked: Asked) -> "tuple[list[Answer], bool]":
         Progress(*columns, console=Console(stderr=True)) as progress,
     ):
         bar = progress.add_task("planning", total=len(cases) * asked.repeat)
-        judge = Judge(asked.site, dependencies=asked.dependencies)
+        judge = Judge(there, dependencies=asked.dependencies)
         try:
             for answer in judge.answers(cases, planner, repeat=asked.repeat):
                 answers.append(answer)

@@ -1,4 +1,4 @@
-"""A data set's cases: instructions with the plans that are right for them, read from two forms of JSON lines.
+"""A data set's cases: instructions with the plans that are right for them, read from three forms of JSON lines.
 
 The published DART-LLM form has one reference plan a case:
 
@@ -9,19 +9,28 @@ Ours names what a plan must hold, with the alternatives that are right too:
     {"id", "level", "text", "tasks": [{"key", "skill": [names], "robots": [ways to say who], "objects": [ways to say
     where], "optional"}], "before": [[key, key]], "unordered": [[key, key]]}
 
-In both a line with `"refuse": REASON` in place of the tasks is an instruction that must be refused.
+And the short notation of corpora, with one reference plan as well (`plan_language`, but with numbers for labels):
+
+    {"id", "level", "text", "plan": "1 go E1 T1 @ soil1 | 2 dig E1 < 1"}
+
+`"plan": "refuse REASON"`, or in the other forms `"refuse": REASON` in place of the tasks, is an instruction that must
+be refused.
 """
 
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, Any, Literal, Self, cast
 
 from muster_schemas.plan import Plan
 from muster_schemas.skills import Catalogue, ObjectNeed
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import BaseModel, Field, ValidationError, model_validator
+
+from muster_planner.plan_language import Refusal, decode, label
+from muster_planner.short_names import SiteNames
+from muster_planner.surroundings import Surroundings
 
 from .fleet import Fleet
 
@@ -29,6 +38,8 @@ RULES = frozenset({"avoid", "allow"})
 """Verbs that change where robots may be and move none: they take no time of a robot's."""
 
 MAX_LINE = 256 * 1024
+
+_STEP = re.compile(r"(?P<number>\d+) (?P<act>[^<]+?)(?: < (?P<before>\d+(?: \d+)*))?")
 
 
 class DatasetError(ValueError):
@@ -64,6 +75,8 @@ class Case:
     """Why it must be refused; None if there is a plan for it."""
     reference: Plan | None = None
     """The plan that the data set gives, if it gives one."""
+    voice: str = ""
+    """Who says it, where a data set has several people."""
 
 
 class _Task(BaseModel):
@@ -75,7 +88,7 @@ class _Task(BaseModel):
 
 
 class _Line(BaseModel):
-    """The fields of both forms."""
+    """The fields of all forms."""
 
     id: Annotated[str, Field(alias="ID")] = ""
     level: str | None = None
@@ -85,15 +98,27 @@ class _Line(BaseModel):
     before: list[tuple[str, str]] = Field(default_factory=list[tuple[str, str]])
     unordered: list[tuple[str, str]] = Field(default_factory=list[tuple[str, str]])
     output: Plan | None = None
+    plan: str | None = None
+    voice: str | None = None
 
     model_config = {"populate_by_name": True, "coerce_numbers_to_str": True}
 
+    @model_validator(mode="after")
+    def _keys_are_known(self) -> Self:
+        keys = [t.key for t in self.tasks]
+        if len(set(keys)) < len(keys):
+            raise ValueError("two tasks have one key")
+        unknown = {k for pair in (*self.before, *self.unordered) for k in pair} - set(keys)
+        if unknown:
+            raise ValueError(f"a pair names {sorted(unknown)[0]!r}, which is no task's key")
+        return self
 
-def read_cases(path: Path, fleet: Fleet, catalogue: Catalogue) -> list[Case]:
-    """Return a file's cases in order.
+
+def read_cases(path: Path, there: Surroundings) -> list[Case]:
+    """Return a file's cases in order, as said on this site.
 
     Raises:
-        DatasetError: it cannot be read, holds no case, or a line is of neither form.
+        DatasetError: it cannot be read, holds no case, or a line is of no form.
 
     """
     try:
@@ -101,10 +126,12 @@ def read_cases(path: Path, fleet: Fleet, catalogue: Catalogue) -> list[Case]:
     except OSError as error:
         raise DatasetError(f"Cannot read {path}: {error.strerror}.") from error
     cases: list[Case] = []
+    names = SiteNames(there.roster, there.objects, there.catalogue, there.letters)
+    fleet = Fleet.of(there.roster)
     for number, line in enumerate(lines, 1):
         if line.strip():
             try:
-                cases.append(_case(line, number, fleet, catalogue))
+                cases.append(_case(line, number, names, fleet))
             except (ValueError, RecursionError) as error:
                 raise DatasetError(f"{path}, line {number}: {_told(error)}") from error
     if not cases:
@@ -123,33 +150,61 @@ def _told(error: Exception) -> str:
     return str(error)
 
 
-def _case(text: bytes, number: int, fleet: Fleet, catalogue: Catalogue) -> Case:
+def _case(text: bytes, number: int, names: SiteNames, fleet: Fleet) -> Case:
     if len(text) > MAX_LINE:
         raise ValueError(f"it has more than {MAX_LINE} bytes")
     line = _Line.model_validate(json.loads(text))
     found = re.search(r"L[0-9]", line.id)
-    level, case_id = line.level or (found[0] if found else "-"), line.id or f"line-{number}"
-    if line.refuse is not None:
-        return Case(case_id, level, line.text, refuse=line.refuse or "it cannot be done here")
-    if line.output is not None:
-        return reference_case(line.output, fleet, catalogue, id=case_id, level=level, text=line.text)
-    if not line.tasks:
-        raise ValueError('it has neither "tasks" nor "output" nor "refuse"')
-    keys = [t.key for t in line.tasks]
-    unknown = {k for pair in (*line.before, *line.unordered) for k in pair} - set(keys)
-    if unknown or len(set(keys)) < len(keys):
-        raise ValueError(f"tasks must have keys of their own, and pairs name them ({sorted(unknown) or keys})")
-    wanted = tuple(
-        Wanted(
-            key=t.key,
-            verbs=frozenset(verb_of(s, catalogue) for s in t.skill),
-            robots=tuple(dict.fromkeys(_spelled_out(r, fleet) for r in t.robots)),
-            objects=tuple(tuple(o) for o in t.objects),
-            optional=t.optional,
-        )
-        for t in line.tasks
+    case_id = line.id or f"line-{number}"
+    case = Case(
+        id=case_id,
+        level=line.level or (found[0] if found else "-"),
+        text=line.text,
+        voice=case_id.rpartition("-")[0] if line.voice is None else line.voice,
     )
-    return Case(case_id, level, line.text, wanted, tuple(line.before), tuple(line.unordered))
+    reference = line.output if line.plan is None else short_plan(line.plan, names)
+    if line.refuse is not None or isinstance(reference, Refusal):
+        why = reference.reason if isinstance(reference, Refusal) else line.refuse
+        return replace(case, refuse=why or "it cannot be done here")
+    if reference is not None:
+        return reference_case(reference, fleet, names.catalogue, said=case)
+    if not line.tasks:
+        raise ValueError('it has none of "tasks", "output", "plan" and "refuse"')
+    return replace(
+        case,
+        wanted=tuple(_wanted(t, names.catalogue, fleet) for t in line.tasks),
+        before=tuple(line.before),
+        unordered=tuple(line.unordered),
+    )
+
+
+def _wanted(task: _Task, catalogue: Catalogue, fleet: Fleet) -> Wanted:
+    return Wanted(
+        key=task.key,
+        verbs=frozenset(verb_of(s, catalogue) for s in task.skill),
+        robots=tuple(dict.fromkeys(_spelled_out(r, fleet) for r in task.robots)),
+        objects=tuple(tuple(o) for o in task.objects),
+        optional=task.optional,
+    )
+
+
+def short_plan(said: str, names: SiteNames) -> Plan | Refusal:
+    """Read a plan in the short notation: steps 1, 2, ... between bars, or `refuse REASON`.
+
+    Raises:
+        ValueError: a step has not that form, or names what is not there.
+
+    """
+    if said.startswith("refuse"):
+        return decode(said, names)
+    lines: list[str] = []
+    for position, step in enumerate(said.split("|"), 1):
+        match = _STEP.fullmatch(step.strip())
+        if match is None or int(match["number"]) != position:
+            raise ValueError(f"step {position} is {step.strip()!r}, not 'number verb robots @ objects < numbers'")
+        before = " ".join(label(int(n) - 1) for n in (match["before"] or "").split() if int(n) > 0)
+        lines.append(f"{label(position - 1)} {match['act']}" + (f" < {before}" if before else ""))
+    return decode("\n".join(lines), names)
 
 
 def verb_of(skill: str, catalogue: Catalogue) -> str:
@@ -166,15 +221,7 @@ def _spelled_out(said: list[str] | Mapping[str, Any], fleet: Fleet) -> tuple[str
     return fleet.of_type(str(said["type"]), count)
 
 
-def reference_case(
-    plan: Plan,
-    fleet: Fleet,
-    catalogue: Catalogue,
-    *,
-    id: str = "",  # noqa: A002 (the field's name in the files)
-    level: str = "-",
-    text: str = "",
-) -> Case:
+def reference_case(plan: Plan, fleet: Fleet, catalogue: Catalogue, *, said: Case) -> Case:
     """Return the case whose one right answer is this plan, said in any of the equal ways.
 
     What the plan orders, however indirectly, must be ordered; what it leaves unordered must stay so, except for two
@@ -209,7 +256,7 @@ def reference_case(
         if {verbs[a], verbs[b]} & RULES or not set(robots[a]) & set(robots[b])
     ]
     joint = frozenset((a, b) for a, b in free if _same_moment(a, b, named, verbs))
-    return Case(id, level, text, tuple(wanted), before, tuple(free), joint, reference=plan)
+    return replace(said, wanted=tuple(wanted), before=before, unordered=tuple(free), may_join=joint, reference=plan)
 
 
 def _same_moment(a: str, b: str, named: Mapping[str, Any], verbs: Mapping[str, str]) -> bool:

@@ -16,6 +16,7 @@ class Answer(BaseModel):
 
     id: str
     level: str
+    voice: str = ""
     repeat: int
     text: str
     must_refuse: bool
@@ -35,7 +36,6 @@ class Answer(BaseModel):
     """The same, one task after another."""
     listed_in_order: float = 0.0
     """The same, if nothing need be done in parallel."""
-    expected: dict[str, Any] | None = None
     plan: dict[str, Any] | None = None
     """What was planned; kept of wrong answers only."""
 
@@ -45,6 +45,7 @@ class Answer(BaseModel):
         return cls(
             id=case.id,
             level=case.level,
+            voice=case.voice,
             text=case.text,
             must_refuse=False,
             right=score.right,

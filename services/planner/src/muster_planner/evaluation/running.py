@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 from muster_schemas.plan import Plan
-from muster_schemas.site import Site
 
 from muster_planner.errors import SetupError
 from muster_planner.offline import PlannedLine
@@ -40,7 +39,7 @@ def chosen(cases: Sequence[Case], limit: int | None) -> list[Case]:
 class Judge:
     """Scores answers to the cases of one site."""
 
-    site: Site
+    there: Surroundings
     dependencies: bool = True
     """False: the plan's own dependencies are dropped first, each robot does its tasks in the order of the list."""
 
@@ -65,6 +64,7 @@ class Judge:
             return Answer(
                 id=case.id,
                 level=case.level,
+                voice=case.voice,
                 repeat=repeat,
                 text=case.text,
                 must_refuse=True,
@@ -75,10 +75,10 @@ class Judge:
                 seconds=line.latency_s,
                 plan=published_form(line.plan) if line.plan else None,
             )
-        fleet = Fleet.of(Surroundings.of_file(self.site).roster)
+        fleet = Fleet.of(self.there.roster)
 
         def of(plan: Plan | None, asked: Case = case) -> Score:
-            return score(asked, plan, fleet, self.site.catalogue)
+            return score(asked, plan, fleet, self.there.catalogue)
 
         queued = listed = None
         if line.plan:
@@ -98,6 +98,5 @@ class Judge:
             queues=of(queued).sr,
             listed=of(listed).sr,
             listed_in_order=of(listed, replace(case, unordered=())).sr,
-            expected=published_form(case.reference) if case.reference and not result.right else None,
             plan=published_form(plan) if plan and not result.right else None,
         )

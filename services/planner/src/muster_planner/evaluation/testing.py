@@ -25,7 +25,7 @@ def plan(*lines: str) -> Plan:
 
 def case_of(*lines: str) -> Case:
     """Return the case whose reference is this plan."""
-    return reference_case(plan(*lines), FLEET, THERE.catalogue)
+    return reference_case(plan(*lines), FLEET, THERE.catalogue, said=Case("case", "L1", "text"))
 
 
 def scored(case: Case, *lines: str) -> Score:
