@@ -51,7 +51,7 @@ def bind(state: State, world: World, tasks: Sequence[Task], taken: set[str], at:
         if selector is None or selector.name in mission.bound or (task.mission_id, selector.name) in demands:
             continue
         if selector.count is None:
-            robots = _everyone(state, mission, selector)
+            robots = everyone(state, mission, selector)
             if robots:
                 bound.append(_event(task, selector, robots, at))
         else:
@@ -64,16 +64,23 @@ def _event(task: Task, selector: Selector, robots: Sequence[str], at: float) -> 
     return SelectorBound(at=at, mission_id=task.mission_id, selector=selector.name, robots=tuple(robots))
 
 
-def _everyone(state: State, mission: Mission, selector: Selector) -> list[str]:
+def everyone(state: State, mission: Mission, selector: Selector) -> list[str]:
     """Return all robots of the types; none while some have not been heard of since the start."""
     robots = [r for r in state.robots.values() if not selector.types or r.card.type in selector.types]
-    robots = [r for r in robots if _able(mission, selector, r.card)]
+    robots = [r for r in robots if able(mission, selector, r.card)]
     if any(r.presence is Presence.UNSEEN for r in robots):
         return []
     return sorted(r.card.robot_id for r in robots if r.presence is Presence.ONLINE)
 
 
-def _able(mission: Mission, selector: Selector, card: RobotCard) -> bool:
+def wanted_elsewhere(mission: Mission, selector: Selector) -> frozenset[str]:
+    """Return the robots that the plan means by a name or by another selector: this one hardly means them, too."""
+    others = {r for name, bound in mission.bound.items() if name != selector.name for r in bound}
+    return mission.named | others
+
+
+def able(mission: Mission, selector: Selector, card: RobotCard) -> bool:
+    """Return whether a robot has all the skills that the mission wants of a selector."""
     skills = {t.skill.name for t in mission.tasks.values() if t.selector == selector}
     return skills <= set(card.skills)
 
@@ -116,13 +123,12 @@ def _costs(
 ) -> list[float]:  # fmt: skip
     """Return the cost of each robot for one place in a demand, in metres."""
     mission = demand.mission
-    others = {r for name, bound in mission.bound.items() if name != demand.selector.name for r in bound}
-    elsewhere = mission.named | others
+    elsewhere = wanted_elsewhere(mission, demand.selector)
     target = world.objects.get(demand.task.objects[0]) if demand.task.objects else None
     costs: list[float] = []
     for card in cards:
         unfit = card.type != robot_type or card.robot_id in demand.task.named
-        if unfit or not _able(mission, demand.selector, card):
+        if unfit or not able(mission, demand.selector, card):
             costs.append(FORBIDDEN_COST)
             continue
         travel = world.pose(card).distance(target.position) if target else 0.0
