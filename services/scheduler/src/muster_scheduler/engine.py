@@ -20,6 +20,7 @@ from .core.events import AnyEvent, Policy, Started, StatusReceived, StopObeyed, 
 from .core.transitions import InvalidTransition
 from .journal import Journal, JournalUnavailableError
 from .outbox import Outbox
+from .policy.assignment import Assignment
 from .policy.decide import advance
 from .sightings import Sightings
 
@@ -42,6 +43,7 @@ class Engine:
         self._journal = journal
         self._outbox = outbox
         self._sightings = sightings
+        self._assignment = Assignment()
         self.core = core
         self._clock_offset = max(time.time(), self.core.state.now) - time.monotonic()
         self._unavailable = False
@@ -106,7 +108,7 @@ class Engine:
             return [], [requests.acknowledgement(state, event.status)] if event.status.state.final else []
         if isinstance(event, StopObeyed) and not stops.is_news(state, event.status):
             return [], []
-        return advance(self.core, event, self._sightings.world)
+        return advance(self.core, event, self._sightings.world, self._assignment)
 
     def _finish(self, events: list[AnyEvent], effects: list[Effect], happened: list[Wish]) -> None:
         # 1. commit

@@ -1,6 +1,7 @@
 """Testing support: a site in memory with ideal robots around the pure core, for tests and measurements."""
 
 import itertools
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -32,9 +33,13 @@ from .core.events import (
 )
 from .core.invariants import validate
 from .core.state import Mission, Task
+from .policy.assignment import Assignment
 from .policy.decide import advance
+from .policy.search import Limits
 from .policy.world import World
 
+STEPS = Limits(seconds=math.inf, steps=300)
+"""Tests count the optimiser's steps and not its time, so they always see the same."""
 Function = Mapping[str, Any]
 
 
@@ -68,10 +73,11 @@ def as_seen(thing: Thing, at: float) -> MapObject:
 class Yard:
     """The core of a site with all of its robots and objects; `ideal` robots do what they are asked at once."""
 
-    def __init__(self, site: Site, *, check: bool = True, policy: Policy | None = None) -> None:
+    def __init__(self, site: Site, *, check: bool = True, policy: Policy | None = None, limits: Limits = STEPS) -> None:
         self.site = site
         self.core = Core()
         self.world = World(bounds=site.bounds)
+        self.assignment = Assignment(limits)
         self.events: list[AnyEvent] = []
         """All that the journal would hold."""
         self.outbox: dict[tuple[str, TaskRef], SkillRequest] = {}
@@ -89,7 +95,7 @@ class Yard:
 
     def happen(self, event: AnyEvent) -> list[Effect]:
         """Let one event happen, with all decisions that follow."""
-        events, effects = advance(self.core, event, self.world)
+        events, effects = advance(self.core, event, self.world, self.assignment)
         self.events += events
         for effect in effects:
             match effect:

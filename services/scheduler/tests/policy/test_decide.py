@@ -50,10 +50,10 @@ def test_a_team_reserves_all_or_none(yard: Yard) -> None:
 
 
 def test_a_team_that_has_waited_long_is_not_overtaken_for_ever(yard: Yard) -> None:
-    """After a minute its robots are kept for it as they come free."""
+    """After half a step of ageing its robots are kept for it as they come free."""
     digs = [yard.submit(planned("dig", DIG, [e])) for e in (E1, E2)]
     team = yard.submit(planned("go", GO, [E1, E2], objects=["soil1"]))
-    yard.wait(61)
+    yard.wait(151)
     late = yard.submit(planned("dig", DIG, [E1]))
     yard.finish(digs[0].tasks["t1"])
     assert not late.tasks["t1"].active

@@ -251,6 +251,13 @@ def blocked(turn: Turn, task: Task, why: str) -> None:
     readiness.refresh(turn, task)
 
 
+def deferred(turn: Turn, task: Task, until: float, why: str) -> None:
+    """Leave its robots to others for now; it stays in their queues, and is looked at again at `until` at the latest."""
+    task.kept_until, task.kept_for = until, why
+    turn.wake_at(until, task)
+    readiness.set_waiting(turn, task)
+
+
 def time_passed(turn: Turn, task: Task) -> None:
     """Look at a task again at a time that it had set."""
     late = task.give_up_at is not None and turn.now >= task.give_up_at
@@ -269,4 +276,7 @@ def time_passed(turn: Turn, task: Task) -> None:
         outcomes.maybe_end(turn, mission)
     elif task.hold_until is not None and turn.now >= task.hold_until:
         task.hold_until = None
+        readiness.refresh(turn, task)
+    elif task.kept_until is not None and turn.now >= task.kept_until:
+        task.kept_until = task.kept_for = None
         readiness.refresh(turn, task)

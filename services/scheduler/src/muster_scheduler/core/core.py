@@ -18,6 +18,7 @@ from .events import (
     StopObeyed,
     StopOrdered,
     TaskBlocked,
+    TaskDeferred,
     TaskDispatched,
     TaskImpossible,
     Tick,
@@ -66,7 +67,7 @@ class Core:
                 presence.tick(turn)
             case SelectorBound():
                 self._bind(turn, event)
-            case TaskDispatched() | TaskBlocked() | TaskImpossible():
+            case TaskDispatched() | TaskBlocked() | TaskDeferred() | TaskImpossible():
                 self._decided(turn, event)
             case Started() | RobotOnline() | RobotOffline() | RulesObeyed() | ObjectsChanged():
                 presence.seen(turn, event)
@@ -81,7 +82,7 @@ class Core:
         """Return the time at which a `Tick` is wanted, if any."""
         return self.state.timers[0][0] if self.state.timers else None
 
-    def _decided(self, turn: Turn, event: TaskDispatched | TaskBlocked | TaskImpossible) -> None:
+    def _decided(self, turn: Turn, event: TaskDispatched | TaskBlocked | TaskDeferred | TaskImpossible) -> None:
         task = self.state.task((event.mission_id, event.task_id))
         if task is None or task.state is not TaskStatus.READY:
             start, story = (task.state, task.story) if task else ("nowhere", ())
@@ -91,6 +92,8 @@ class Core:
                 attempts.dispatch(turn, task, event)
             case TaskBlocked():
                 attempts.blocked(turn, task, event.waiting_for)
+            case TaskDeferred():
+                attempts.deferred(turn, task, event.until, event.waiting_for)
             case TaskImpossible():
                 self._fail(turn, task, event.reason)
 

@@ -28,6 +28,9 @@ class Policy(Message):
     object_wait_s: Seconds = Field(default=60.0, description="how long a ready task waits for an object that has gone")
     room_wait_s: Seconds = Field(default=60.0, description="how long it waits for a free place at the object")
     cancel_wait_s: Seconds = Field(default=30.0, description="how long a live robot may leave a cancel unanswered")
+    ageing_s: Seconds = Field(
+        default=300.0, description="one step of priority is worth so much waiting; missions nearer than half are peers"
+    )
     rules_wait_s: Seconds = Field(default=60.0, description="how long a robot may take to obey new area rules")
 
 
@@ -164,6 +167,16 @@ class TaskBlocked(Event):
     waiting_for: str = Field(max_length=400)
 
 
+class TaskDeferred(Event):
+    """Decision: its free robots are kept for what is more urgent or saves more time; looked at again then."""
+
+    kind: Literal["task_deferred"] = "task_deferred"
+    mission_id: Id
+    task_id: Id
+    until: UnixTime
+    waiting_for: str = Field(max_length=400)
+
+
 class TaskImpossible(Event):
     """Decision: the task cannot be done, such as driving to where the robot must not go."""
 
@@ -188,6 +201,7 @@ AnyEvent = Annotated[
     | SelectorBound
     | TaskDispatched
     | TaskBlocked
+    | TaskDeferred
     | TaskImpossible,
     Field(discriminator="kind"),
 ]

@@ -97,6 +97,7 @@ def _set_plan(turn: Turn, mission: Mission, plan: tuple[PlanTask, ...]) -> None:
         ids[t.task]: _task(turn.state, mission, index, t, ids, first_revision) for index, t in enumerate(plan)
     }
     mission.graph = TaskGraph({t.task_id: t.dependencies for t in mission.tasks.values()})
+    mission.selectors = frozenset(t.selector for t in mission.tasks.values() if t.selector is not None)
     mission.named = frozenset(r for t in mission.tasks.values() for r in t.named)
     mission.open_tasks = len(mission.tasks)
     to = S.RUNNING if mission.approval == "auto" else S.AWAITING_APPROVAL
@@ -109,6 +110,11 @@ def _set_plan(turn: Turn, mission: Mission, plan: tuple[PlanTask, ...]) -> None:
 
 
 def _begin(turn: Turn, mission: Mission) -> None:
+    if mission.state is S.RUNNING:
+        mission.urgency = turn.now + (9 - mission.priority) * turn.state.policy.ageing_s
+        turn.state.agenda.missions[mission.mission_id] = None
+        for task in mission.tasks.values():
+            task.order = (mission.urgency, *task.order[1:])
     for task in mission.tasks.values():
         if mission.state is S.RUNNING and not task.unmet:
             outcomes.make_ready(turn, mission, task)
@@ -128,7 +134,7 @@ def _task(
     return Task(
         mission_id=mission.mission_id,
         task_id=ids[planned.task],
-        order=(9 - mission.priority, mission.number, index),
+        order=(0.0, mission.number, index),
         name=planned.task,
         skill=skill,
         named=function.robot_ids,
@@ -164,6 +170,7 @@ def _resume(turn: Turn, mission: Mission, _reasons: tuple[Reason, ...]) -> None:
 
 
 def _after_pause_or_resume(turn: Turn, mission: Mission) -> None:
+    turn.state.agenda.missions[mission.mission_id] = None
     for task in mission.tasks.values():
         if task.active:
             requests.sync(turn, task)

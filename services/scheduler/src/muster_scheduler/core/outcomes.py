@@ -50,6 +50,7 @@ def task_succeeded(turn: Turn, mission: Mission, task: Task) -> None:
 
 def task_failed(turn: Turn, mission: Mission, task: Task) -> None:
     """Skip all that would have come after it; other branches go on."""
+    turn.state.agenda.missions[mission.mission_id] = None
     for after_id in mission.graph.steps_to(task.task_id):
         after = mission.tasks[after_id]
         if after.state is TaskStatus.WAITING:

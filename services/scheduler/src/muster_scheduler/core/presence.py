@@ -41,6 +41,7 @@ def started(turn: Turn, event: Started) -> None:
     state.objects = set()
     state.agenda.tasks.clear()
     state.agenda.robots.clear()
+    state.agenda.missions.clear()
     turn.effects.append(PublishAreas(rules=state.rules))
     for robot in state.robots.values():
         robot.presence = Presence.UNSEEN
@@ -79,7 +80,7 @@ def robot_online(turn: Turn, event: RobotOnline) -> None:
     stops.ask(turn, robot)
     requests.chase(turn, robot)
     _work_of(turn, robot)
-    readiness.robot_changed(turn, robot)
+    readiness.fleet_changed(turn, robot)
 
 
 def robot_offline(turn: Turn, event: RobotOffline) -> None:
@@ -89,7 +90,7 @@ def robot_offline(turn: Turn, event: RobotOffline) -> None:
         return
     robot.presence = Presence.OFFLINE
     _work_of(turn, robot)
-    readiness.robot_changed(turn, robot)
+    readiness.fleet_changed(turn, robot)
 
 
 def _work_of(turn: Turn, robot: Robot) -> None:

@@ -4,8 +4,11 @@ import heapq
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-Order = tuple[int, int, int]
-"""(priority, most urgent lowest; mission by age; task in plan order): one order over all tasks of the site."""
+Order = tuple[float, int, int]
+"""(urgency of the mission, most urgent lowest; mission by age; task in plan order): one order over all tasks.
+
+It never changes while a task waits: see `Mission.urgency`.
+"""
 
 TaskKey = tuple[str, str]
 """(mission id, task id)."""

@@ -65,6 +65,8 @@ def _reasons_of_ready(turn: Turn, mission: Mission, task: Task) -> tuple[str, ..
         return tuple(f"object: {o}" for o in sorted(task.missing))
     if task.hold_until is not None and task.hold_until > turn.now:
         return (task.no_room or f"retry: {task.error}",)
+    if task.kept_for is not None:
+        return (task.kept_for,)
     if not task.robots and task.selector is not None:
         return (f"robot: {task.selector.name}",)
     robots = tuple(_named(turn, r) for r in task.robots if not _first_for(turn, task, r))
@@ -156,6 +158,7 @@ def stop_waiting(turn: Turn, task: Task) -> None:
     task.hold_until = None
     task.give_up_at = None
     task.no_room = None
+    task.kept_until = task.kept_for = None
 
 
 def bind(turn: Turn, mission: Mission, task: Task) -> None:
@@ -176,3 +179,16 @@ def robot_changed(turn: Turn, robot: Robot) -> None:
         task = turn.state.task(key)
         if task is not None:
             set_waiting(turn, task)
+
+
+def fleet_changed(turn: Turn, robot: Robot) -> None:
+    """Tell those that a robot is there for or not: besides its own queue, whoever may still choose among its type."""
+    robot_changed(turn, robot)
+    state = turn.state
+    for index, name in (
+        (state.wanting_robot, robot.card.robot_id),
+        (state.wanting_type, robot.card.type),
+        (state.wanting_type, ""),
+    ):
+        queue = index.get(name)
+        state.agenda.missions |= dict.fromkeys(m for m, _ in (queue.first(FIRST_WAITERS) if queue else ()))

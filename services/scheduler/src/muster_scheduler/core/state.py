@@ -109,6 +109,10 @@ class Task:
     give_up_at: float | None = None
     """When a wait for objects or room, or for an answer to a cancel, has lasted too long."""
     no_room: str | None = None
+    kept_until: float | None = None
+    """Its robots had better do something else until then."""
+    kept_for: str | None = None
+    """What they are kept for, as `waiting_for` says it."""
     error: str | None = None
     revision: int = 0
     ready_at: float | None = None
@@ -169,9 +173,16 @@ class Mission:
     revision: int = 0
     started_at: float | None = None
     ended_at: float | None = None
+    urgency: float = 0.0
+    """When it began to run, later by `Policy.ageing_s` for each step of priority below 9; the lowest goes first.
+
+    So whoever waits becomes more urgent than ever more of those that come later, and no order among those that are
+    there ever changes: nothing has to be sorted anew as time passes, and a replay needs no clock.
+    """
     graph: TaskGraph = field(default_factory=lambda: TaskGraph({}), compare=False)
     named: frozenset[str] = frozenset()
     """Robots that the plan names."""
+    selectors: frozenset[Selector] = frozenset()
 
 
 @dataclass(slots=True)
@@ -217,20 +228,29 @@ class Robot:
         return self.stop is not None and self.stop.stopped
 
     @property
+    def in_service(self) -> bool:
+        """Whether work may be planned for it."""
+        return self.presence is Presence.ONLINE and not self.stopped
+
+    @property
     def free(self) -> bool:
         """Whether a task may have it now."""
-        return self.presence is Presence.ONLINE and self.holder is None and not self.loose_ends and not self.stopped
+        return self.in_service and self.holder is None and not self.loose_ends
 
 
 @dataclass(slots=True)
 class Agenda:
-    """What policy should look at: tasks that may be able to start, robots that may have become free."""
+    """What policy should look at: tasks that may be able to start, robots that may have become free.
+
+    And missions that begin, lose a task, or want a robot that came or went.
+    """
 
     tasks: dict[TaskKey, None] = field(default_factory=dict[TaskKey, None])
     robots: dict[str, None] = field(default_factory=dict[str, None])
+    missions: dict[str, None] = field(default_factory=dict[str, None])
 
     def __bool__(self) -> bool:
-        return bool(self.tasks or self.robots)
+        return bool(self.tasks or self.robots or self.missions)
 
 
 @dataclass(slots=True)

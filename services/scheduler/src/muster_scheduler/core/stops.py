@@ -53,7 +53,7 @@ def bring_in_line(turn: Turn, robot: Robot) -> None:
     holder = state.task(robot.holder) if robot.holder else None
     if holder is not None and holder.active:
         requests.sync(turn, holder)
-    readiness.robot_changed(turn, robot)
+    readiness.fleet_changed(turn, robot)
 
 
 def ask(turn: Turn, robot: Robot) -> None:

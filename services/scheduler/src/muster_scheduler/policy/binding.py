@@ -89,7 +89,7 @@ def _match(
     state: State, world: World, demands: Sequence[_Demand], taken: set[str], at: float
 ) -> list[SelectorBound]:  # fmt: skip
     types = {t for d in demands for t in d.robot_types}
-    robots = [r for r in state.robots.values() if r.presence is Presence.ONLINE and r.card.type in types]
+    robots = [r for r in state.robots.values() if r.in_service and r.card.type in types]
     supply = {t: sum(r.card.type == t for r in robots) for t in types}
     admitted: list[_Demand] = []
     for demand in demands:

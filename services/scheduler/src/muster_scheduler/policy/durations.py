@@ -1,4 +1,4 @@
-"""How long tasks take, as far as can be said beforehand: skill times that are learned, and drives along the ways there are.
+"""How long tasks take, as far as can be said beforehand: skill times, which are learned, and drives.
 
 Only advice hangs on these numbers, never whether something may start, so a wrong one costs time and nothing else.
 """
@@ -11,7 +11,16 @@ from muster_schemas.skills import Skill
 
 from muster_scheduler.core.queue import TaskKey
 
-WORK_S: Final = {"dig": 20.0, "dump": 12.0, "load": 14.0, "tip": 12.0, "go": 2.0, "home": 2.0, "avoid": 1.0, "allow": 1.0}
+WORK_S: Final = {
+    "dig": 20.0,
+    "dump": 12.0,
+    "load": 14.0,
+    "tip": 12.0,
+    "go": 2.0,
+    "home": 2.0,
+    "avoid": 1.0,
+    "allow": 1.0,
+}
 """Site seconds of each verb beside its driving, as the simulator's machines need them."""
 OTHER_WORK_S: Final = 30.0
 """For a site's own skills, until one has been seen."""
@@ -58,4 +67,3 @@ class Durations:
         self.pace[key] = known + LEARNING * (seen - known)
         overall = self.overall or 1.0
         self.overall = overall + LEARNING / 4 * (seen - overall)
-

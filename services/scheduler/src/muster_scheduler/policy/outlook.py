@@ -5,7 +5,7 @@ robots, until the horizon is full.
 """
 
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -14,12 +14,12 @@ from muster_schemas.mission import MissionStatus, TaskStatus
 from muster_schemas.robot import RobotCard
 
 from muster_scheduler.core.queue import TaskKey
-from muster_scheduler.core.state import PEERS_S, Mission, Presence, Robot, Selector, State, Task
+from muster_scheduler.core.state import Mission, Robot, Selector, State, Task
 
 from .binding import able, everyone, wanted_elsewhere
 from .durations import Durations
 from .problem import HOME, Choice, Job, Problem, SelectorKey
-from .ways import Place
+from .ways import Place, metres
 from .world import World
 
 HORIZON: Final = 48
@@ -62,7 +62,7 @@ def ask(state: State, world: World, durations: Durations, missions: Iterable[str
 def remaining_s(state: State, durations: Durations, task: Task, at: float) -> float:
     """Return how much longer a task that is under way will take; `NEVER` if that is not to be expected."""
     mission = state.missions[task.mission_id]
-    lost = any(state.robots[r].presence is not Presence.ONLINE for r in task.runs)
+    lost = not all(state.robots[r].in_service for r in task.runs)
     if lost or mission.state is not MissionStatus.RUNNING:
         return NEVER
     if task.closing is not None:
@@ -129,7 +129,7 @@ class _Builder:
     def build(self, missions: Sequence[Mission]) -> Question:
         leaders: list[float] = []
         for mission in missions:
-            if not leaders or mission.urgency - leaders[-1] >= PEERS_S:
+            if not leaders or mission.urgency - leaders[-1] >= self.state.policy.ageing_s / 2:
                 leaders.append(mission.urgency)
             for task in _in_order(mission):
                 if len(self.jobs) >= HORIZON:
@@ -218,7 +218,11 @@ class _Builder:
             if len([r for r in fit if r.card.robot_id not in elsewhere]) >= (selector.count or 0):
                 fit = [r for r in fit if r.card.robot_id not in elsewhere]
             fit.sort(key=lambda r: (not r.free, r.card.robot_id))
-            numbers = [n for r in fit[: max(POOL, 2 * (selector.count or 0))] if (n := self._robot(r.card.robot_id)) is not None]
+            numbers = [
+                n
+                for r in fit[: max(POOL, 2 * (selector.count or 0))]
+                if (n := self._robot(r.card.robot_id)) is not None
+            ]
             if len(numbers) < (selector.count or 0):
                 return None
             pools += [tuple(numbers)] * (selector.count or 0)
@@ -230,7 +234,7 @@ class _Builder:
         if robot_id in self.robots:
             return self.robots[robot_id]
         robot = self.state.robots.get(robot_id)
-        if robot is None or robot.presence is not Presence.ONLINE:
+        if robot is None or not robot.in_service:
             return None
         task = self.state.task(robot.holder) if robot.holder else None
         busy = remaining_s(self.state, self.durations, task, self.at) if task is not None else 0.0
@@ -265,8 +269,8 @@ class _Builder:
         """Return the seconds from place to place for a kind of robot."""
         kind = card.type, card.max_speed_mps
         if kind not in kinds:
-            metres = [self.world.ways.metres(card, self.places, goal) for goal in self.places]
-            kinds[kind] = [[self.durations.drive_s(to[n], card) for to in metres] for n in range(len(self.places))]
+            ways = [metres(self.places, goal) for goal in self.places]
+            kinds[kind] = [[self.durations.drive_s(to[n], card) for to in ways] for n in range(len(self.places))]
         return kinds[kind]
 
 

@@ -1,8 +1,8 @@
 """Finds in which order robots serve which jobs: greedy at first, then better by local search until the budget ends.
 
 A list of all jobs is turned into times by giving each in turn to its robots at the earliest moment (a serial schedule
-generation scheme, Kolisch 1996); some list gives the shortest schedule there is. The search moves one job or one robot of
-a team at a time and accepts by late-acceptance hill climbing (Burke and Bykov 2017).
+generation scheme, Kolisch 1996); some list gives the shortest schedule there is. The search moves one job or one robot
+of a team at a time and accepts by late-acceptance hill climbing (Burke and Bykov 2017).
 """
 
 import random
@@ -62,17 +62,14 @@ def timed(problem: Problem, order: list[int], teams: list[tuple[int, ...]]) -> A
         team = job.robots if job.choice is None else (*job.robots, *teams[job.choice])
         start, drive = job.earliest_s, 0.0
         for other in job.after:
-            if ends[other] > start:
-                start = ends[other]
+            start = max(start, ends[other])
         for robot in team:
-            if free[robot] > start:
-                start = free[robot]
+            start = max(start, free[robot])
             tour = tours[robot][number]
             if tour is not None:
                 seconds = travel[robot][at[robot]][tour[0]] + tour[1]
                 at[robot] = tour[2]
-                if seconds > drive:
-                    drive = seconds
+                drive = max(drive, seconds)
         end = start + drive + job.work_s
         for robot in team:
             free[robot] = end
@@ -84,7 +81,7 @@ def timed(problem: Problem, order: list[int], teams: list[tuple[int, ...]]) -> A
 
 
 def greedy(problem: Problem) -> Answer:
-    """Return the answer of list scheduling: always the job that can begin first, of several the one with most behind it."""
+    """Return the answer of list scheduling: the job that can begin first, of several the one with most to come."""
     tails = _tails(problem)
     free, at = list(problem.free_s), list(problem.at)
     teams: list[tuple[int, ...] | None] = [None] * len(problem.choices)
@@ -181,7 +178,7 @@ class _Search:
         return self._other_team() if self._open and self._rng.random() < TEAM_SHARE else self._other_order()
 
     def _other_order(self) -> Answer | None:
-        """Move one job to another place among those of its tier, after what it waits for and before what waits for it."""
+        """Move one job to another place in its tier, after what it waits for and before what waits for it."""
         jobs, order = self._problem.jobs, self._now.order
         place = self._rng.randrange(len(order))
         number = order[place]

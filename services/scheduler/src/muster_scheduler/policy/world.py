@@ -7,8 +7,6 @@ from muster_schemas.robot import RobotCard
 from muster_schemas.site import Bounds
 from muster_schemas.world import MapObject
 
-from .ways import Ways
-
 
 @dataclass(slots=True)
 class World:
@@ -17,7 +15,6 @@ class World:
     bounds: Bounds
     poses: dict[str, Pose] = field(default_factory=dict[str, Pose])
     objects: dict[str, MapObject] = field(default_factory=dict[str, MapObject])
-    ways: Ways = field(default_factory=Ways)
 
     def pose(self, card: RobotCard) -> Pose:
         """Return where a robot is; one that has not said so yet is taken to be at home."""
