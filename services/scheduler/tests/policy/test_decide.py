@@ -222,3 +222,12 @@ def test_an_excavator_in_reach_of_its_pile_stays_where_it_is(yard: Yard) -> None
     mission = yard.submit(planned("dig", DIG, [E1], objects=["soil1"]))
     (run,) = mission.tasks["t1"].runs.values()
     assert run.order.goals == (Pose(x=-15, y=12, yaw=0),)
+
+
+def test_a_selector_that_stood_back_for_a_rule_is_looked_at_again(yard: Yard) -> None:
+    """A rule takes no robot's time, so no robot is given back afterwards (found by the simulation)."""
+    before = yard.submit(planned("busy", GO, [E1, E2, E3], objects=["rock1"]))
+    yard.submit(planned("keep out", AVOID, (), objects=["soil1"], types=["excavator"], count=1))
+    late = yard.submit(planned("all three", DIG, (), types=["excavator"], count=3))
+    yard.finish(before.tasks["t1"])
+    assert late.tasks["t1"].state is TaskStatus.DISPATCHED

@@ -105,6 +105,10 @@ class Core:
             if not task.state.ended:
                 readiness.bind(turn, mission, task)
                 readiness.refresh(turn, task)
+        for robot_id in event.robots:
+            # whoever stood back for this one may have them beside it, or find others
+            if robot_id in turn.state.robots:
+                readiness.robot_changed(turn, turn.state.robots[robot_id])
 
     @staticmethod
     def _fail(turn: Turn, task: Task, reason: str) -> None:
