@@ -58,6 +58,12 @@ def test_plans_that_mean_the_same_are_right(reference: tuple[str, ...], said: tu
         pytest.param(TWO, ("a go E1 @ soil1", "b go T1 @ puddle1 < a"), "order 0%", id="parallel work chained"),
         pytest.param(HAUL, (*HAUL[:3], "d go T1 @ puddle1 < a"), "order 67%", id="the truck leaves too early"),
         pytest.param(("a dig E1",), ("a dig E1 @ soil1",), "steps differ (0% right)", id="an invented place"),
+        pytest.param(
+            ("a go T1 @ soil1", "b go T1 @ rock1 < a", "c tip T1 < b"),
+            ("a go T1 @ soil1", "b go T1 @ rock1 < a", "c tip T1 @ soil1 < b"),
+            "steps differ (67% right)",
+            id="a place that the robot has left",
+        ),
         pytest.param(("a home T:2",), ("a home T1 T2",), "steps differ (0% right)", id="any two are no two by name"),
     ],
 )

@@ -244,8 +244,9 @@ def reference_case(plan: Plan, fleet: Fleet, catalogue: Catalogue, *, said: Case
         if optional and function.object_keywords:
             objects = ((), *objects)
         elif optional:
-            places = (n for n in named if n in above[name] and verbs[n] == "go" and set(robots[n]) & set(robots[name]))
-            objects = ((), *((o,) for n in places for o in named[n].object_keywords))
+            went = [n for n in named if n in above[name] and verbs[n] == "go" and set(robots[n]) & set(robots[name])]
+            last = [n for n in went if not any(n in above[m] for m in went)]
+            objects = ((), *((o,) for n in last for o in named[n].object_keywords))
         wanted.append(Wanted(name, frozenset({verbs[name]}), (robots[name],), tuple(dict.fromkeys(objects))))
     before = tuple((b, name) for name, f in named.items() for b in f.dependencies)
     free = [
