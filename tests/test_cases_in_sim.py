@@ -25,7 +25,7 @@ from tests.running_site import (
 )
 
 SPEED = 8.0
-WITHIN_S = 240.0
+WITHIN_S = 900.0
 SITES: tuple[tuple[str, ...], ...] = (
     (
         "A-L1-005", "A-L1-011", "A-L1-013", "A-L2-004", "A-L2-012", "A-L2-018", "B-L1-002", "B-L1-003", "B-L1-021",
@@ -94,7 +94,7 @@ def test_no_case_is_left_out() -> None:
 
 
 @pytest.mark.end_to_end
-@pytest.mark.timeout(1500)
+@pytest.mark.timeout(5400)
 @pytest.mark.parametrize("name", [name for names in SITES for name in names])
 def test_a_worked_case_runs_to_its_end_in_order(ran: dict[str, Ran], name: str) -> None:
     """The mission succeeds, each robot does each of its tasks once, and after what the task depends on."""

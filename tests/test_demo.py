@@ -11,7 +11,7 @@ from muster_cli.record import DataDirectory
 
 
 @pytest.mark.end_to_end
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(2400)
 def test_the_demo_moves_the_soil_and_leaves_nothing_behind(tmp_path: Path) -> None:
     """It ends with exit code 0, shows its timeline, and its site is down afterwards."""
     settings = {"MUSTER_DATA_DIR": str(tmp_path / "data"), "MUSTER_SITE_FILE": str(SITE_FILE), "COLUMNS": "120"}
@@ -21,7 +21,7 @@ def test_the_demo_moves_the_soil_and_leaves_nothing_behind(tmp_path: Path) -> No
         capture_output=True,
         text=True,
         check=False,
-        timeout=540,
+        timeout=2100,
     )
     assert done.returncode == 0, done.stdout + done.stderr
     assert "The soil is where it belongs." in done.stdout

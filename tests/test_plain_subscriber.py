@@ -20,7 +20,7 @@ CASE = "B-L1-021"
 TRUCK = "robot_dump_truck_01"
 Json = dict[str, Any]
 
-pytestmark = [pytest.mark.end_to_end, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.end_to_end, pytest.mark.timeout(2400)]
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +49,7 @@ async def test_a_mission_is_seen_by_key_as_json(site: RunningSite, stranger: zen
     with stranger.declare_subscriber("muster/yard/**", note):
         async with open_bus("yard", [site.endpoint]) as bus:
             mission_id = await submit(bus, "tip at the soil", plan_of_case(CASE))
-            view = await until_ended(bus, mission_id, 200)
+            view = await until_ended(bus, mission_id, 900)
         assert succeeded(view), describe(view)
         root = f"muster/yard/missions/{mission_id}"
         await eventually(lambda: seen[f"{root}/state"] and seen[f"{root}/state"][-1]["state"] == "succeeded")
@@ -79,7 +79,7 @@ async def test_what_is_known_can_be_asked_for_at_any_time(
     part = selector.split("/").index("*")
 
     def ask() -> dict[str, Json]:
-        replies = [r.ok for r in stranger.get(selector, timeout=5.0)]
+        replies = [r.ok for r in stranger.get(selector, timeout=60.0)]
         return {str(r.key_expr).split("/")[part]: json.loads(r.payload.to_bytes()) for r in replies if r is not None}
 
     found: Callable[[], Any] = ask
@@ -97,7 +97,7 @@ async def test_camera_images_are_jpegs(site: RunningSite, stranger: zenoh.Sessio
             frames.append((sample.payload.to_bytes(), json.loads(sample.attachment.to_bytes())))
 
     with stranger.declare_subscriber("muster/yard/cameras/*/image", note):
-        await eventually(lambda: len(frames) >= 2, within_s=60)
+        await eventually(lambda: len(frames) >= 2, within_s=300)
     image, meta = frames[0]
     assert image[:2] == b"\xff\xd8"
     assert meta["camera_id"].startswith("uav_")

@@ -25,7 +25,7 @@ async def test_a_refusal_reaches_the_asker_with_its_reasons(shared_router: Route
 
     async with running_bus(shared_router, site) as bus, bus.serve(MISSIONS, refuse):
         with pytest.raises(RefusedError, match="It has ended") as caught:
-            await bus.ask(MISSIONS, MissionsQuery(), timeout_s=20)
+            await bus.ask(MISSIONS, MissionsQuery(), timeout_s=60)
     assert caught.value.error == error
 
 
@@ -39,17 +39,17 @@ async def test_a_handler_that_breaks_answers_so_and_serves_on(shared_router: Rou
 
     async with running_bus(shared_router, site) as bus, bus.serve(MISSIONS, handle):
         with pytest.raises(RefusedError) as caught:
-            await bus.ask(MISSIONS, MissionsQuery(limit=1), timeout_s=20)
+            await bus.ask(MISSIONS, MissionsQuery(limit=1), timeout_s=60)
         assert caught.value.error.code is ErrorCode.INTERNAL
         assert "secret" not in caught.value.error.message
-        assert await bus.ask(MISSIONS, MissionsQuery(), timeout_s=20) == EMPTY
+        assert await bus.ask(MISSIONS, MissionsQuery(), timeout_s=60) == EMPTY
 
 
 async def test_nobody_there_is_no_reply(shared_router: RouterProcess, site: str) -> None:
     """Without a server the asker learns soon that nobody answered, and who should have."""
     async with running_bus(shared_router, site) as bus:
         with pytest.raises(NoReplyError, match="is the scheduler running"):
-            await bus.ask(MISSIONS, MissionsQuery(), timeout_s=20)
+            await bus.ask(MISSIONS, MissionsQuery(), timeout_s=60)
 
 
 async def test_a_server_that_is_too_slow_is_no_reply(shared_router: RouterProcess, site: str) -> None:
@@ -69,7 +69,7 @@ async def test_a_server_that_is_too_slow_is_no_reply(shared_router: RouterProces
         with pytest.raises(NoReplyError, match=r"within 0\.2 s"):
             await asker.ask(MISSIONS, MissionsQuery(), timeout_s=0.2)
         release.set()
-        await asyncio.wait_for(finished.wait(), 20)
+        await asyncio.wait_for(finished.wait(), 120)
 
 
 async def test_requests_run_beside_each_other(shared_router: RouterProcess, site: str) -> None:
@@ -82,8 +82,8 @@ async def test_requests_run_beside_each_other(shared_router: RouterProcess, site
         return EMPTY
 
     async with running_bus(shared_router, site) as bus, bus.serve(MISSIONS, handle):
-        slow = asyncio.create_task(bus.ask(MISSIONS, MissionsQuery(limit=1), timeout_s=20))
-        assert await bus.ask(MISSIONS, MissionsQuery(), timeout_s=20) == EMPTY
+        slow = asyncio.create_task(bus.ask(MISSIONS, MissionsQuery(limit=1), timeout_s=60))
+        assert await bus.ask(MISSIONS, MissionsQuery(), timeout_s=60) == EMPTY
         assert not slow.done()
         release.set()
         assert await slow == EMPTY
@@ -106,7 +106,7 @@ async def test_of_two_servers_one_runs_a_request(shared_router: RouterProcess, s
         two.serve(MISSIONS, handle),
     ):
         for _ in range(20):
-            await asker.ask(MISSIONS, MissionsQuery(), timeout_s=20)
+            await asker.ask(MISSIONS, MissionsQuery(), timeout_s=60)
     assert runs == 20
 
 
@@ -120,7 +120,7 @@ async def test_a_reply_that_is_too_large_is_refused(shared_router: RouterProcess
 
     async with running_bus(shared_router, site) as bus, bus.serve(MISSIONS, handle):
         with pytest.raises(RefusedError, match="ask for less"):
-            await bus.ask(MISSIONS, MissionsQuery(), timeout_s=20)
+            await bus.ask(MISSIONS, MissionsQuery(), timeout_s=60)
 
 
 async def test_a_request_that_is_too_large_is_not_sent(shared_router: RouterProcess, site: str) -> None:
@@ -142,8 +142,8 @@ async def test_leaving_lets_running_requests_finish(shared_router: RouterProcess
 
     async with running_bus(shared_router, site) as server, running_bus(shared_router, site) as asker:
         async with server.serve(MISSIONS, slow):
-            asking = asyncio.create_task(asker.ask(MISSIONS, MissionsQuery(), timeout_s=20))
-            await asyncio.wait_for(begun.wait(), 20)
+            asking = asyncio.create_task(asker.ask(MISSIONS, MissionsQuery(), timeout_s=60))
+            await asyncio.wait_for(begun.wait(), 120)
             asyncio.get_running_loop().call_soon(release.set)
         assert await asking == EMPTY
 
@@ -158,5 +158,5 @@ async def test_a_server_that_dies_is_no_reply_at_once(shared_router: RouterProce
         await lamp.until_logged("asked")
         lamp.signal(signal.SIGKILL)
         with pytest.raises(NoReplyError):
-            await asyncio.wait_for(asking, 60)
+            await asyncio.wait_for(asking, 120)
         await eventually(lambda: lamp.exit_code is not None)

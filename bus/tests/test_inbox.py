@@ -68,7 +68,7 @@ async def test_a_waiting_reader_is_woken_from_a_thread() -> None:
     thread.start()
     items = list(await reading)
     while len(items) < many:
-        items.append(await asyncio.wait_for(inbox.get(), 20))
+        items.append(await asyncio.wait_for(inbox.get(), 120))
     thread.join()
     assert items == list(range(many))
 

@@ -174,7 +174,7 @@ async def test_a_bus_waits_for_its_router(router: RouterProcess) -> None:
     connecting = asyncio.create_task(connect())
     await asyncio.sleep(0)
     router.start()
-    assert await asyncio.wait_for(connecting, 60)
+    assert await asyncio.wait_for(connecting, 120)
 
 
 async def test_waiting_for_a_router_can_be_given_up(router: RouterProcess) -> None:
@@ -184,4 +184,4 @@ async def test_waiting_for_a_router_can_be_given_up(router: RouterProcess) -> No
     await asyncio.sleep(0)
     entering.cancel()
     with pytest.raises(asyncio.CancelledError):
-        await asyncio.wait_for(entering, 20)
+        await asyncio.wait_for(entering, 120)

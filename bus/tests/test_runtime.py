@@ -4,8 +4,14 @@ import asyncio
 import signal
 
 import pytest
+from muster_bus import Bus
 from muster_bus.testing import Process, RouterProcess, eventually, running_bus, service_process
 from muster_schemas.channels import KEYWORDS, ROBOT_ALIVE, SERVICE_ALIVE
+
+
+async def nobody(bus: Bus) -> bool:
+    """Return whether no service is alive."""
+    return not await bus.who_is_alive(SERVICE_ALIVE)
 
 
 async def test_sigterm_drains_and_exits_0(shared_router: RouterProcess, programs: dict[str, str]) -> None:
@@ -14,10 +20,10 @@ async def test_sigterm_drains_and_exits_0(shared_router: RouterProcess, programs
         async with service_process("lamp", shared_router, programs) as lamp:
             assert [ids["service"] for ids in await bus.who_is_alive(SERVICE_ALIVE)] == ["lamp"]
             assert await lamp.terminate() == 0
-        received = await asyncio.wait_for(anext(words), 20)
+        received = await asyncio.wait_for(anext(words), 120)
         assert received.message is not None
         assert received.message.keywords == ("good night",)
-        assert await bus.who_is_alive(SERVICE_ALIVE) == []
+        await eventually(lambda: nobody(bus))
 
 
 async def test_logs_are_json_with_who_where_and_which_life(
@@ -65,7 +71,7 @@ async def test_two_that_start_at_once_leave_one(shared_router: RouterProcess, pr
         service_process("lamp", shared_router, programs, wait=False) as a,
         service_process("lamp", shared_router, programs, wait=False) as b,
     ):
-        await eventually(lambda: 69 in (a.exit_code, b.exit_code), 60)
+        await eventually(lambda: 69 in (a.exit_code, b.exit_code))
         stays = b if a.exit_code == 69 else a
         await stays.until_logged("alive")
         assert stays.exit_code is None
@@ -89,7 +95,7 @@ async def test_an_uncaught_error_ends_the_process(shared_router: RouterProcess, 
         service_process("lamp", shared_router, {**programs, "MUSTER_TROUBLE": "crash"}, wait=False) as lamp,
     ):
         assert await lamp.ended() == 1
-        assert await bus.who_is_alive(SERVICE_ALIVE) == []
+        await eventually(lambda: nobody(bus))
     (crash,) = lamp.logged("crashed")
     assert "the lamp broke" in crash["exception"]
 
@@ -109,11 +115,7 @@ async def test_being_stopped_and_continued_is_no_stall(shared_router: RouterProc
     async with running_bus(shared_router) as bus, service_process("lamp", shared_router, quick) as lamp:
         lamp.signal(signal.SIGSTOP)
         try:
-
-            async def gone() -> bool:
-                return not await bus.who_is_alive(SERVICE_ALIVE)
-
-            await eventually(gone)
+            await eventually(lambda: nobody(bus))
         finally:
             lamp.signal(signal.SIGCONT)
 
@@ -134,7 +136,8 @@ async def test_a_drain_that_takes_too_long_is_cut_short(shared_router: RouterPro
 
 async def test_a_second_signal_ends_it_at_once(shared_router: RouterProcess, programs: dict[str, str]) -> None:
     """Whoever cannot wait for the drain asks twice."""
-    async with service_process("lamp", shared_router, {**programs, "MUSTER_TROUBLE": "deaf"}) as lamp:
+    patient = {**programs, "MUSTER_TROUBLE": "deaf", "MUSTER_DRAIN_S": "600"}
+    async with service_process("lamp", shared_router, patient) as lamp:
         lamp.signal(signal.SIGTERM)
         await lamp.until_logged("stopping")
         lamp.signal(signal.SIGTERM)

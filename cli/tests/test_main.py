@@ -16,7 +16,7 @@ def muster(tmp_path: Path, *arguments: str, **environment: str) -> subprocess.Co
         text=True,
         env=env,
         check=False,
-        timeout=60,
+        timeout=280,
     )
 
 

@@ -16,7 +16,7 @@ from muster_cli.record import DataDirectory, ProcessRecord, Standing
 FOREVER = "import time; time.sleep(3600)"
 STUBBORN = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); time.sleep(3600)"
 PlanMaker = Callable[..., Plan]
-WITHIN_S = 30.0
+WITHIN_S = 240.0
 
 
 def wait_for(directory: DataDirectory, name: str, fulfils: Callable[[ProcessRecord], bool]) -> ProcessRecord:

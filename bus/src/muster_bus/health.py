@@ -15,7 +15,7 @@ from . import logs
 from .bus import open_bus
 from .settings import ServiceSettings, read
 
-_WITHIN_S = 5.0
+_WITHIN_S = 8.0
 _USAGE = "usage: python -m muster_bus.health service|robot NAME\n"
 
 

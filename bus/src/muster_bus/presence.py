@@ -14,7 +14,7 @@ from muster_schemas.channels import Channel
 from .inbox import Inbox, InboxClosedError, call_in
 from .rejects import Rejects
 
-_ROUND_TRIP_S = 1.0
+_ROUND_TRIP_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,7 +29,7 @@ INSTRUCTION = (
     "Excavator 1 and dump truck 1 go to the soil pile. Excavator 1 digs and unloads into the truck, which then hauls "
     "it to the puddle and tips. Meanwhile truck 2 has a look at the rock and comes home."
 )
-_TRUTH_WITHIN_S = 10.0
+_TRUTH_WITHIN_S = 60.0
 _SPILT_M3 = 0.05
 _BUCKETFUL_M3 = 0.1
 _AT_PUDDLE_M = 1.5

@@ -15,7 +15,7 @@ from .processes import Options, Plan
 from .record import DataDirectory, SiteRecord
 from .supervisor import ALREADY_UP
 
-_STARTS_WITHIN_S = 15.0
+_STARTS_WITHIN_S = 60.0
 _STOPS_WITHIN_S = 45.0
 
 

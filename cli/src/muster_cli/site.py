@@ -19,7 +19,7 @@ from .record import DataDirectory, SiteRecord, Standing
 from .settings import CliSettings, read_site
 from .views import seconds
 
-READY_WITHIN_S = 300.0
+READY_WITHIN_S = 600.0
 _ROUTER_ANSWERS_WITHIN_S = 3.0
 _COLOURS = {Standing.RUNNING: "green", Standing.GIVEN_UP: "bold red", Standing.RESTARTING: "yellow"}
 

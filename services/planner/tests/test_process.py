@@ -49,7 +49,7 @@ def environment(server: OllamaServer, **more: str) -> dict[str, str]:
 async def client(process: Process) -> httpx.AsyncClient:
     """Return a client for a planner that is up."""
     port = (await process.until_logged("listening"))["port"]
-    return httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}", timeout=30)
+    return httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}", timeout=120)
 
 
 async def test_an_accepted_instruction_survives_kill_9(router: RouterProcess, server: OllamaServer) -> None:
@@ -58,7 +58,7 @@ async def test_an_accepted_instruction_survives_kill_9(router: RouterProcess, se
 
     async def think(_: dict[str, Any]) -> Response:
         thinking.set()
-        await asyncio.to_thread(go_on.wait, 30)
+        await asyncio.to_thread(go_on.wait, 600)
         return says(PLAN)
 
     server.answers = [think, says(PLAN)]
@@ -84,7 +84,7 @@ async def test_it_stops_when_asked_also_with_listeners(router: RouterProcess, se
 
     async def think(_: dict[str, Any]) -> Response:
         thinking.set()
-        await asyncio.to_thread(go_on.wait, 30)
+        await asyncio.to_thread(go_on.wait, 600)
         return says(PLAN)
 
     server.answers = [think]

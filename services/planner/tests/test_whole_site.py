@@ -67,8 +67,8 @@ async def whole_site(
     ):
         show_objects(cameras)
         port = (await process.until_logged("listening"))["port"]
-        async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}", timeout=30) as http:
-            await eventually(lambda: _all_there(http), within_s=60)
+        async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}", timeout=120) as http:
+            await eventually(lambda: _all_there(http), within_s=300)
             yield http
 
 
@@ -100,7 +100,7 @@ async def test_the_embedded_model_plans_what_the_robots_then_do(router: RouterPr
 async def _sent_and_ended(http: httpx.AsyncClient, text: str) -> dict[str, Any]:
     sent = await http.post("/instructions", json={"text": text})
     assert sent.status_code == 202, sent.text
-    return await eventually(lambda: _ended(http, f"/missions/{sent.json()['mission_id']}"), within_s=180)
+    return await eventually(lambda: _ended(http, f"/missions/{sent.json()['mission_id']}"), within_s=600)
 
 
 async def _all_there(http: httpx.AsyncClient) -> bool:

@@ -16,7 +16,7 @@ from muster_schemas.sim import Telemetry
 from muster_schemas.site import Site
 
 EXCAVATOR, TRUCK = "robot_excavator_01", "robot_dump_truck_01"
-WITHIN_S = 60.0
+WITHIN_S = 240.0
 Make = Callable[[str], Driver]
 
 

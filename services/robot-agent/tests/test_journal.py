@@ -97,7 +97,7 @@ def test_killed_at_any_point_of_a_start_it_starts_at_most_once(tmp_path: Path, e
     history = tmp_path / "history.jsonl"
     for _ in range(2):
         done = subprocess.run(
-            [sys.executable, str(CRASHING), str(tmp_path), str(history), str(effects)], check=False, timeout=60
+            [sys.executable, str(CRASHING), str(tmp_path), str(history), str(effects)], check=False, timeout=240
         )
         assert done.returncode == -signal.SIGKILL
     starts = [json.loads(line) for line in history.read_text().splitlines()] if history.exists() else []

@@ -20,13 +20,13 @@ async def do(scheduler: Listener, task: str, card: RobotCard, skill: str, **rest
     """Ask for a skill and wait for the first answer; `done` waits for its end."""
     fields: dict[str, object] = {"goals": [], **rest}
     scheduler.ask(card, task_id=task, skill=skill, **fields)
-    await eventually(lambda: scheduler.states_of(task), 60)
+    await eventually(lambda: scheduler.states_of(task), 240)
 
 
 async def done(scheduler: Listener, *tasks: str) -> None:
     """Wait for tasks to succeed; a failed one is shown with its reason."""
     for task in tasks:
-        await eventually(lambda name=task: any(s.state.final for s in scheduler.statuses if s.task_id == name), 120)
+        await eventually(lambda name=task: any(s.state.final for s in scheduler.statuses if s.task_id == name), 600)
         final = next(s for s in scheduler.statuses if s.task_id == task and s.state.final)
         assert final.state is SkillStatusKind.SUCCEEDED, final.reason
         scheduler.acknowledge(final)
@@ -47,7 +47,7 @@ async def test_soil_goes_from_pile_to_puddle(router: RouterProcess, tmp_path: Pa
     soil, puddle, obstacle = (target(things[n]) for n in ("soil1", "puddle1", "obstacle1"))
     async with contextlib.AsyncExitStack() as stack:
         scheduler = await stack.enter_async_context(listening(router))
-        await stack.enter_async_context(service_process("muster_sim", router, {"MUSTER_SPEED_FACTOR": "8"}))
+        await stack.enter_async_context(service_process("muster_sim", router, {"MUSTER_SPEED_FACTOR": "6"}))
         for robot in (E1, T1):
             settings = {"MUSTER_ROBOT_ID": robot, "MUSTER_DATA_DIR": str(tmp_path)}
             await stack.enter_async_context(service_process(MODULE, router, settings))

@@ -20,6 +20,7 @@ class LampSettings(ServiceSettings):
 
     trouble: str = ""
     robot_id: str = ""
+    drain_s: float = 1.0
     stall_limit_s: float = 5.0
     """How long its loop may stand still."""
 
@@ -58,6 +59,6 @@ run(
     settings,
     main,
     identity=("robot", settings.robot_id) if settings.robot_id else None,
-    drain_s=1.0,
+    drain_s=settings.drain_s,
     stall_limit_s=settings.stall_limit_s,
 )

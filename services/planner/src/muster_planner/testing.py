@@ -271,7 +271,7 @@ async def running_planner(
         serving = asyncio.create_task(serve_model(own, stop, read, listening, model))
         stack.push_async_callback(_ended, serving, stop)
         headers = {"Authorization": f"Bearer {read.token.get_secret_value()}"} if read.token else {}
-        http = await stack.enter_async_context(httpx.AsyncClient(base_url=address, headers=headers, timeout=30))
+        http = await stack.enter_async_context(httpx.AsyncClient(base_url=address, headers=headers, timeout=120))
 
         async def ready() -> bool:
             fleet, objects_seen = await http.get("/fleet"), await http.get("/objects")

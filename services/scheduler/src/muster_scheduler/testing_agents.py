@@ -51,6 +51,8 @@ class SimulatedAgent:
         self.hold = asyncio.Event()
         """Skills end only while it is set."""
         self.hold.set()
+        self.held: set[str] = set()
+        """Tasks, by id, that do not end as long as they are in here."""
         self.started: Counter[TaskRef] = Counter()
         self.log: list[tuple[float, str, SkillRequest]] = []
         """(monotonic time, 'start' or 'end', request)"""
@@ -163,6 +165,8 @@ class SimulatedAgent:
         await self.hold.wait()
         while self.stopped:  # noqa: ASYNC110  (a simulated machine)
             await asyncio.sleep(STATE_S)
+        while request.task_id in self.held:  # noqa: ASYNC110  (a switch of tests)
+            await asyncio.sleep(0.01)
         if request.goals:
             self._pose = request.goals[-1]
         self.log.append((time.monotonic(), "end", request))
