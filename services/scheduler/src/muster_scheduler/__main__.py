@@ -1,6 +1,7 @@
 """`python -m muster_scheduler`: the scheduler of one site."""
 
 import asyncio
+import gc
 import sys
 
 from muster_bus import Bus
@@ -32,6 +33,7 @@ def main() -> None:
     except JournalError as error:
         sys.stderr.write(f"scheduler: {error}\n")
         sys.exit(JOURNAL_EXIT)
+    gc.freeze()  # what was replayed stays, so searching it for garbage again and again would only hold up robots
 
     async def serve(bus: Bus, stop: asyncio.Event) -> None:
         await Shell(bus, site, core, journal).run(stop, Policy())

@@ -1,6 +1,6 @@
 """Carries out effects: what is published once, and the requests that are sent until they are answered."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -37,7 +37,8 @@ VALID_S: Final = 10.0
 """A request that arrives later than this after it was sent is refused: it was held up somewhere."""
 
 
-_ToRobot = Send | Hush | SendStop | HushStop | Acknowledge
+_ToRobot = Send | Hush | SendStop | HushStop
+_ToAll = Acknowledge | PublishTask | PublishMission | RetractTask | LookFor
 
 
 @dataclass(slots=True)
@@ -54,8 +55,8 @@ class Outbox:
         self._outstanding: dict[tuple[str, TaskRef | None], _Outstanding] = {}
         """By robot and attempt; None for its stop order, of which only the newest counts."""
 
-    def carry_out(self, effects: Iterable[Effect], at: float, now: float) -> None:
-        """Do the effects of one batch: robots first, and of several states of one thing only the last.
+    def carry_out(self, effects: Sequence[Effect], at: float, now: float) -> None:
+        """Do the effects of one batch: what machines wait for first, and of several states of one thing only the last.
 
         Args:
             effects: in the order in which they arose; their events are in the journal.
@@ -63,29 +64,28 @@ class Outbox:
             now: monotonic time for repeats.
 
         """
-        states: dict[tuple[str, ...], PublishTask | PublishMission | RetractTask | LookFor] = {}
-        areas: PublishAreas | None = None
-        requests: list[_ToRobot] = []
-        for effect in effects:
-            match effect:
-                case PublishTask():
-                    states["task", effect.state.mission_id, effect.state.task_id] = effect
-                case RetractTask():
-                    states["task", effect.mission_id, effect.task_id] = effect
-                case PublishMission():
-                    states["mission", effect.state.mission_id] = effect
-                case LookFor():
-                    states["look", *effect.objects] = effect
-                case PublishAreas():
-                    areas = effect
-                case Send() | Hush() | SendStop() | HushStop() | Acknowledge():
-                    requests.append(effect)
-        if areas is not None:
+        for effect in [e for e in effects if isinstance(e, PublishAreas)][-1:]:
             crash.point("send")
-            self._bus.publish(AREAS, areas.rules)
+            self._bus.publish(AREAS, effect.rules)
+        requests = [e for e in effects if isinstance(e, SendStop | HushStop | Send | Hush)]
         for effect in sorted(requests, key=lambda e: not isinstance(e, SendStop)):
             self._address(effect, at, now)
-        for effect in states.values():
+        told: dict[tuple[str, ...], _ToAll] = {}
+        for effect in effects:
+            match effect:
+                case Acknowledge(ack=ack):
+                    told["ack", ack.robot_id, ack.mission_id, ack.task_id, str(ack.attempt)] = effect
+                case PublishTask(task=task):
+                    told["task", *task.key] = effect
+                case RetractTask():
+                    told["task", effect.mission_id, effect.task_id] = effect
+                case PublishMission(mission=mission):
+                    told["mission", mission.mission_id] = effect
+                case LookFor():
+                    told["look", *effect.objects] = effect
+                case _:
+                    pass
+        for effect in told.values():
             self._tell(effect)
 
     def repeat(self, at: float, now: float) -> None:
@@ -112,8 +112,6 @@ class Outbox:
                 self._send(request, at)
             case HushStop():
                 self._outstanding.pop((effect.robot_id, None), None)
-            case Acknowledge():
-                self._bus.publish(STATUS_ACK, effect.ack, robot_id=effect.ack.robot_id, skill=effect.skill)
 
     def _send(self, request: SkillRequest | StopRequest, at: float) -> None:
         if isinstance(request, StopRequest):
@@ -123,9 +121,11 @@ class Outbox:
         fresh = request.model_copy(update={"issued_at": at, "deadline": at + VALID_S})
         self._bus.publish(SKILL_REQUEST, fresh, robot_id=request.robot_id, skill=request.skill)
 
-    def _tell(self, effect: PublishTask | PublishMission | RetractTask | LookFor) -> None:
+    def _tell(self, effect: _ToAll) -> None:
         crash.point("send")
         match effect:
+            case Acknowledge(ack=ack):
+                self._bus.publish(STATUS_ACK, ack, robot_id=ack.robot_id, skill=effect.skill)
             case PublishTask(state=state):
                 self._bus.publish(TASK_STATE, state, mission_id=state.mission_id, task_id=state.task_id)
             case PublishMission(state=state):

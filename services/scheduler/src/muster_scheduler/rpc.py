@@ -13,7 +13,7 @@ from muster_schemas.channels import CONTROL, MISSIONS, RULES, STOP, SUBMIT
 from muster_schemas.gate import check_plan, unknown_objects
 from muster_schemas.ids import new_id
 from muster_schemas.mission import MissionStatus, MissionView, Reason
-from muster_schemas.plan import Plan
+from muster_schemas.plan import MAX_TASKS, Plan
 from muster_schemas.rpc import (
     ControlMission,
     ControlReply,
@@ -189,11 +189,11 @@ class Desk:
             await asyncio.sleep(POLL_S)
 
 
-def check(core: Core, plan: Plan) -> list[Reason]:
-    """Return the gate's reasons against a plan, with the robots and objects that are there now."""
+def check(core: Core, plan: Plan, *, most: int = MAX_TASKS) -> list[Reason]:
+    """Return the gate's reasons against a plan of at most so many tasks, with the robots and objects there are now."""
     state = core.state
     roster = [r.card for _, r in sorted(state.robots.items()) if r.presence is Presence.ONLINE]
-    return check_plan(plan, roster, known_objects(state), state.catalogue)
+    return check_plan(plan, roster, known_objects(state), state.catalogue, most=most)
 
 
 def known_objects(state: State) -> set[str]:

@@ -1,7 +1,6 @@
 """The asyncio shell around the engine: what comes in from the bus, in which order, and when time passes."""
 
 import asyncio
-import contextlib
 import time
 from collections.abc import Callable
 from typing import Final, TypeVar
@@ -35,7 +34,7 @@ from .sightings import Sightings
 LOOK_S: Final = 0.25
 """How often robots are looked at for what only time changes, such as being late."""
 TURN_S: Final = 0.1
-"""The longest sleep of the main loop, for repeats and deadlines."""
+"""The longest time between two turns, for repeats and deadlines."""
 
 M = TypeVar("M", bound=Message)
 
@@ -52,7 +51,9 @@ class Shell:
         self._engine = Engine(core, journal, self._outbox, self._sightings)
         self._site = site
         self._waiting: list[Wish] = []
-        self._wake = asyncio.Event()
+        self._turn_is_due = False
+        self._broken: asyncio.Future[None] | None = None
+        """Ends `run` with what a turn failed with; there while it runs."""
         self._looked_at = 0.0
 
     async def run(self, stop: asyncio.Event, policy: Policy) -> None:
@@ -68,12 +69,16 @@ class Shell:
                 group.create_task(self._read(ROBOT_STOP_STATUS, self._on_stopped), name="stops"),
                 group.create_task(self._watch(), name="robots alive"),
             ]
-            stopping = group.create_task(self._wake_at_stop(stop), name="stop")
+            readers.append(group.create_task(self._keep_time(), name="time"))
+            stopping = group.create_task(stop.wait(), name="stop")
+            self._broken = asyncio.get_running_loop().create_future()
             _log.info("serving")
-            while not stop.is_set():
-                await self._turn()
+            await asyncio.wait((self._broken, stopping), return_when=asyncio.FIRST_COMPLETED)
             for task in (*readers, stopping):
                 task.cancel()
+            if self._broken.done():
+                await self._broken
+        self._broken = None
 
     async def do(self, make: Callable[[float], AnyEvent]) -> None:
         """Have an event happen, with the others that wait; return when it is in the journal and its effects are out.
@@ -85,27 +90,43 @@ class Shell:
         """
         await asyncio.wrap_future(self._want(make(self._engine.now())).done)
 
-    async def _turn(self) -> None:
-        with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(self._wake.wait(), TURN_S)
-        self._wake.clear()
-        wishes, self._waiting = self._waiting, []
-        now = time.monotonic()
-        self._sightings.link(now, up=self._bus.connected)
-        if now - self._looked_at >= LOOK_S:
-            self._looked_at = now
-            self._sightings.look_at_all()
-        self._engine.step(wishes)
-        self._outbox.repeat(self._engine.now(), time.monotonic())
+    def _soon(self) -> None:
+        """Have a turn as soon as the readers have taken what is there: what came together is one commit.
 
-    async def _wake_at_stop(self, stop: asyncio.Event) -> None:
-        await stop.wait()
-        self._wake.set()
+        A callback and not a task, since each switch of tasks would be paid by the robot that waits for its request.
+        """
+        if not self._turn_is_due:
+            self._turn_is_due = True
+            asyncio.get_running_loop().call_soon(self._turn)
+
+    def _turn(self) -> None:
+        """Let happen what is wanted and what is due."""
+        self._turn_is_due = False
+        broken = self._broken
+        if broken is None or broken.done():
+            return
+        wishes, self._waiting = self._waiting, []
+        try:
+            self._engine.step(wishes)
+        except Exception as error:  # noqa: BLE001  (ends the service; a callback has nobody else to tell)
+            broken.set_exception(error)
+
+    async def _keep_time(self) -> None:
+        """Do at intervals what only the passing of time asks for."""
+        while True:
+            now = time.monotonic()
+            self._sightings.link(now, up=self._bus.connected)
+            if now - self._looked_at >= LOOK_S:
+                self._looked_at = now
+                self._sightings.look_at_all()
+            self._soon()
+            self._outbox.repeat(self._engine.now(), now)
+            await asyncio.sleep(TURN_S)
 
     def _want(self, event: AnyEvent) -> Wish:
         wish = Wish(event)
         self._waiting.append(wish)
-        self._wake.set()
+        self._soon()
         return wish
 
     async def _read(self, channel: Channel[M], take: Callable[[Received[M]], None]) -> None:
@@ -120,16 +141,16 @@ class Shell:
 
     def _on_object(self, received: Received[MapObject]) -> None:
         self._sightings.object(received.ids["object_name"], received.message)
-        self._wake.set()
+        self._soon()
 
     def _on_card(self, received: Received[RobotCard]) -> None:
         if received.message is not None:
             self._sightings.card(received.message)
-            self._wake.set()
+            self._soon()
 
     def _on_state(self, received: Received[RobotState]) -> None:
         if received.message is not None and self._sightings.state(received.message, time.monotonic()):
-            self._wake.set()
+            self._soon()
 
     def _on_status(self, received: Received[SkillStatus]) -> None:
         if received.message is not None:
@@ -141,4 +162,4 @@ class Shell:
 
     def _on_alive(self, change: Presence) -> None:
         self._sightings.token(change.ids["robot_id"], change.ids["boot_id"], time.monotonic(), alive=change.alive)
-        self._wake.set()
+        self._soon()

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from muster_schemas.ids import new_boot_id
-from muster_schemas.mission import MissionStatus, TaskStatus
+from muster_schemas.mission import MissionState, MissionStatus, TaskState, TaskStatus
 from muster_schemas.plan import PlanTask
 from muster_schemas.robot import SkillRequest, SkillStatus, SkillStatusKind, TaskRef
 from muster_schemas.rpc import ControlMission, MissionAction
@@ -85,7 +85,7 @@ class Yard:
         self.stops: dict[str, StopRequest] = {}
         """Stop orders that are being sent."""
         self.starts: list[tuple[str, TaskRef]] = []
-        self.published: list[PublishTask | PublishMission] = []
+        self.published: list[TaskState | MissionState] = []
         self.now = 1000.0
         self._check = check
         self._numbers = itertools.count(1)
@@ -97,6 +97,7 @@ class Yard:
         """Let one event happen, with all decisions that follow."""
         events, effects = advance(self.core, event, self.world, self.assignment)
         self.events += events
+        changed: dict[tuple[str, ...], PublishTask | PublishMission] = {}
         for effect in effects:
             match effect:
                 case Send(request=request):
@@ -107,11 +108,14 @@ class Yard:
                     self.stops[request.robot_id] = request
                 case HushStop():
                     self.stops.pop(effect.robot_id, None)
-                case PublishTask() | PublishMission():
-                    self.published.append(effect)
+                case PublishTask(task=task):
+                    changed[task.key] = effect
+                case PublishMission(mission=mission):
+                    changed[mission.mission_id,] = effect
                 case _:
                     pass
         if self._check:
+            self.published += [effect.state for effect in changed.values()]
             validate(self.core.state)
         return effects
 

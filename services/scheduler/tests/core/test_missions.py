@@ -205,8 +205,7 @@ def test_revisions_only_grow(yard: Yard) -> None:
     mission = yard.submit(planned("go", GO, [E1], objects=["soil1"]), planned("dig", DIG, [E1], after=["go"]))
     yard.run(mission)
     seen: dict[tuple[str, ...], int] = {}
-    for published in yard.published:
-        state = published.state
+    for state in yard.published:
         key = (state.mission_id, getattr(state, "task_id", ""))
         assert state.revision > seen.get(key, -1)
         seen[key] = state.revision

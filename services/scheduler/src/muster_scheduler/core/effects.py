@@ -1,5 +1,6 @@
 """What the core wants done once the event that caused it is in the journal. Doing one twice equals doing it once."""
 
+from dataclasses import dataclass
 from typing import Literal
 
 from muster_schemas.base import Message
@@ -8,6 +9,9 @@ from muster_schemas.mission import MissionState, TaskState
 from muster_schemas.robot import SkillRequest, StatusAck, TaskRef
 from muster_schemas.stops import StopRequest
 from muster_schemas.world import AreaRules
+
+from .state import Mission, Task
+from .views import mission_state, task_state
 
 
 class Send(Message):
@@ -50,18 +54,28 @@ class Acknowledge(Message):
     ack: StatusAck
 
 
-class PublishMission(Message):
+@dataclass(frozen=True, slots=True)
+class PublishMission:
     """A mission changed."""
 
-    kind: Literal["publish_mission"] = "publish_mission"
-    state: MissionState
+    mission: Mission
+
+    @property
+    def state(self) -> MissionState:
+        """What is published of it; written down when asked for, since robots need not wait for that."""
+        return mission_state(self.mission)
 
 
-class PublishTask(Message):
+@dataclass(frozen=True, slots=True)
+class PublishTask:
     """A task changed."""
 
-    kind: Literal["publish_task"] = "publish_task"
-    state: TaskState
+    task: Task
+
+    @property
+    def state(self) -> TaskState:
+        """What is published of it; written down when asked for."""
+        return task_state(self.task)
 
 
 class RetractTask(Message):

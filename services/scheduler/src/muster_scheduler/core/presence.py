@@ -9,7 +9,6 @@ from .effects import PublishAreas, PublishMission, PublishTask
 from .events import ObjectsChanged, RobotOffline, RobotOnline, RulesObeyed, Started
 from .state import Presence, Robot
 from .turn import Turn
-from .views import mission_state, task_state
 
 RECENT_ENDED = 100
 """So many ended missions are published again at start-up, for those who ask the bus for last values."""
@@ -53,8 +52,8 @@ def started(turn: Turn, event: Started) -> None:
     ended.sort(key=lambda m: state.missions[m].number)
     for mission_id in ended[-RECENT_ENDED:]:
         mission = state.missions[mission_id]
-        turn.effects.append(PublishMission(state=mission_state(mission)))
-        turn.effects += [PublishTask(state=task_state(t)) for t in mission.tasks.values()]
+        turn.effects.append(PublishMission(mission))
+        turn.effects += [PublishTask(t) for t in mission.tasks.values()]
     for status, ids in state.by_state.items():
         for mission_id in () if status.ended else ids:
             mission = state.missions[mission_id]

@@ -8,7 +8,6 @@ from .effects import Effect, PublishMission, PublishTask
 from .queue import TaskKey
 from .state import Mission, State, Task
 from .transitions import MISSION_MOVES, TASK_MOVES, InvalidTransition
-from .views import mission_state, task_state
 
 
 class Turn:
@@ -79,11 +78,11 @@ class Turn:
         heapq.heappush(self.state.timers, (due, task.key))
 
     def end(self) -> list[Effect]:
-        """Return all effects, with the new public states last."""
+        """Return all effects, with what has to be published last."""
         for task in self._tasks.values():
             task.revision += 1
-            self.effects.append(PublishTask(state=task_state(task)))
+            self.effects.append(PublishTask(task))
         for mission in self._missions.values():
             mission.revision += 1
-            self.effects.append(PublishMission(state=mission_state(mission)))
+            self.effects.append(PublishMission(mission))
         return self.effects

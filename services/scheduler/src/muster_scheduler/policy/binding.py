@@ -88,6 +88,8 @@ def able(mission: Mission, selector: Selector, card: RobotCard) -> bool:
 def _match(
     state: State, world: World, demands: Sequence[_Demand], taken: set[str], at: float
 ) -> list[SelectorBound]:  # fmt: skip
+    if not demands:
+        return []
     types = {t for d in demands for t in d.robot_types}
     robots = [r for r in state.robots.values() if r.in_service and r.card.type in types]
     supply = {t: sum(r.card.type == t for r in robots) for t in types}
