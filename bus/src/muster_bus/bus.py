@@ -5,6 +5,7 @@
 
 import asyncio
 import contextlib
+import time
 from collections import Counter
 from collections.abc import AsyncGenerator, Generator, Sequence
 from typing import Any, Final, TypeVar
@@ -34,6 +35,9 @@ _ROUNDS_S = (0.0, 0.3, 1.5)
 
 _WHO_S: Final = 1.0
 
+_LINK_S: Final = 0.05
+"""How old the answer may be to whether the link is up; hundreds of agents of one process ask ten times a second."""
+
 _HOW: Final = {
     Kind.COMMAND: (zenoh.CongestionControl.BLOCK, zenoh.Priority.INTERACTIVE_HIGH),
     Kind.EVENT: (zenoh.CongestionControl.BLOCK, zenoh.Priority.INTERACTIVE_HIGH),
@@ -54,13 +58,19 @@ class Bus:
         self._kept = KeptValues(session, site)
         self._subscriptions: set[Subscription[Any]] = set()
         self._closed = False
+        self._link_is_up = False
+        self._link_looked_at = float("-inf")
 
     @property
     def connected(self) -> bool:
         """Whether the own link to a router is up; if not, nobody else's absence means anything."""
         # Not `session.is_closed()`: it waits for the session's lock while it holds the interpreter's. A receiving
         # thread that drops a callback holds the first and waits for the second, so the process would hang for ever.
-        return not self._closed and bool(self._session.info.routers_zid())
+        now = time.monotonic()
+        if now - self._link_looked_at >= _LINK_S:
+            self._link_looked_at = now
+            self._link_is_up = bool(self._session.info.routers_zid())
+        return self._link_is_up and not self._closed
 
     @property
     def rejected(self) -> Counter[str]:

@@ -48,7 +48,7 @@ def concrete_key(channel: Channel[Any], site: str, ids: dict[str, str]) -> str:
         InvalidIdError: an id has characters that a key may not have.
 
     """
-    missing = set(channel.fields) - {"site"} - set(ids)
+    missing = [f for f in channel.fields if f != "site" and f not in ids]
     if missing:
         raise TypeError(f"channel {channel.name} needs {', '.join(sorted(missing))}")
     return channel.key(site=site, **ids)

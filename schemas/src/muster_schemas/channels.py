@@ -6,6 +6,7 @@
 import re
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 from typing import Any, Generic, TypeVar
 
 from pydantic import BaseModel
@@ -50,10 +51,14 @@ class Channel(Generic[M]):
     binary: bool = False
     """The payload is not the model's JSON but bytes; the model's JSON stands in the attachment."""
 
-    @property
+    @cached_property
     def fields(self) -> tuple[str, ...]:
         """The names of the ids in the key, in order."""
         return tuple(_FIELD.findall(self.template))
+
+    @cached_property
+    def _pattern(self) -> re.Pattern[str]:
+        return re.compile(_FIELD.sub(r"(?P<\1>[a-z0-9_-]{1,64})", self.template))
 
     def key(self, **ids: str) -> str:
         """Return the key for these ids; an id that is left out becomes `*`.
@@ -63,7 +68,7 @@ class Channel(Generic[M]):
             TypeError: an id that this channel does not have.
 
         """
-        unknown = set(ids) - set(self.fields)
+        unknown = ids.keys() - self.fields
         if unknown:
             raise TypeError(f"channel {self.name} has no {', '.join(sorted(unknown))}")
         checked = {f: check_id(ids[f], f) if f in ids else "*" for f in self.fields}
@@ -71,7 +76,7 @@ class Channel(Generic[M]):
 
     def ids(self, key: str) -> dict[str, str] | None:
         """Return the ids in a key, or None if it is none of this channel's or holds a bad id."""
-        match = re.fullmatch(_FIELD.sub(r"(?P<\1>[a-z0-9_-]{1,64})", self.template), key)
+        match = self._pattern.fullmatch(key)
         return match.groupdict() if match else None
 
 

@@ -4,6 +4,7 @@ Pure: the planner calls it to repair and explain, the scheduler calls it again b
 what reaches a robot.
 """
 
+from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
 from graphlib import CycleError, TopologicalSorter
 
@@ -14,7 +15,14 @@ from .robot import RobotCard
 from .skills import Catalogue, ObjectNeed, Skill
 
 
-def check_plan(plan: Plan, roster: Sequence[RobotCard], objects: Collection[str], catalogue: Catalogue) -> list[Reason]:
+def check_plan(
+    plan: Plan,
+    roster: Sequence[RobotCard],
+    objects: Collection[str],
+    catalogue: Catalogue,
+    *,
+    most: int = MAX_TASKS,
+) -> list[Reason]:
     """Return every reason against the plan; an empty list means that it may run.
 
     Args:
@@ -22,12 +30,13 @@ def check_plan(plan: Plan, roster: Sequence[RobotCard], objects: Collection[str]
         roster: the robots that are on the site now.
         objects: names in the object map now.
         catalogue: the site's skills.
+        most: tasks that it may have; more than the default only within a process, for a message holds no more.
 
     """
     if not plan.tasks:
         return [Reason(code="empty_plan", message="The plan has no task.")]
-    if len(plan.tasks) > MAX_TASKS:
-        return [Reason(code="too_many_tasks", message=f"The plan has more than {MAX_TASKS} tasks.")]
+    if len(plan.tasks) > most:
+        return [Reason(code="too_many_tasks", message=f"The plan has more than {most} tasks.")]
     reasons = list(_check_names_and_order(plan))
     for task in plan.tasks:
         reasons += _check_task(task, roster, objects, catalogue)
@@ -43,8 +52,8 @@ def unknown_objects(reasons: Iterable[Reason], plan: Plan, objects: Collection[s
 
 
 def _check_names_and_order(plan: Plan) -> Iterable[Reason]:
-    names = [t.task for t in plan.tasks]
-    for name in sorted({n for n in names if names.count(n) > 1}):
+    names = Counter(t.task for t in plan.tasks)
+    for name in sorted(n for n, times in names.items() if times > 1):
         yield Reason(code="repeated_name", task=name, message=f"More than one task is named {name!r}.")
     for task in plan.tasks:
         for before in task.instruction_function.dependencies:
