@@ -279,6 +279,7 @@ class RobotAgent:
         self._log.info("started", **_named(request))
         crash.point("begin")
         self._run = SkillRun(machine, request)
+        self._driver.apply(machine.order(), machine.telemetry.site_time_s)  # a machine at rest is felt again at once
         crash.point("begun")
 
     def _publish_state(self, now: float) -> None:

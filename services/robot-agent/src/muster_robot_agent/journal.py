@@ -44,6 +44,7 @@ class Journal:
             db = sqlite3.connect(self.path, isolation_level=None)
             db.execute("PRAGMA journal_mode=WAL")
             db.execute("PRAGMA synchronous=FULL")
+            db.execute("PRAGMA cache_size=-128")  # kB; one process may hold hundreds of journals
             db.executescript(_SCHEMA)
         except (OSError, sqlite3.Error) as error:
             raise JournalError(

@@ -16,16 +16,21 @@ def _split(value: object) -> object:
     return value
 
 
-class AgentSettings(ServiceSettings):
+class HostSettings(ServiceSettings):
+    """How the machines of a process behave, whichever they are."""
+
+    speed_factor: float = Field(default=1.0, gt=0, le=1000)
+    """Of the kinematic driver: seconds on the site for each second."""
+    history_file: Path | None = None
+    """Where each physical start and end is written, for tests."""
+
+
+class AgentSettings(HostSettings):
     """Which robots this process speaks for, and how it reaches their machines."""
 
     robot_id: Annotated[tuple[Id, ...], NoDecode, BeforeValidator(_split), Field(min_length=1)]
     """One robot; with the kinematic driver several, separated by commas."""
     driver: Literal["sim", "kinematic"] = "sim"
-    speed_factor: float = Field(default=1.0, gt=0, le=1000)
-    """Of the kinematic driver: seconds on the site for each second."""
-    history_file: Path | None = None
-    """Where each physical start and end is written, for tests."""
 
     @model_validator(mode="after")
     def _one_machine_each(self) -> "AgentSettings":

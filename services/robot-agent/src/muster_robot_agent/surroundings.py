@@ -23,6 +23,10 @@ class SiteView:
     """The last word of every robot; one that has fallen silent still stands where it said."""
     cards: dict[str, RobotCard] = field(default_factory=dict[str, RobotCard])
 
+    def __post_init__(self) -> None:
+        self.types: dict[str, RobotType] = {r.id: self.site.robot_types[r.type] for r in self.site.robots}
+        """By robot, as the site's file gives them."""
+
 
 @dataclass(frozen=True)
 class Surroundings:
@@ -55,10 +59,7 @@ class Surroundings:
 
     def type_of(self, robot_id: str) -> RobotType | None:
         """Return the type that the site's file gives a robot."""
-        for entry in self.site.robots:
-            if entry.id == robot_id:
-                return self.site.robot_types[entry.type]
-        return None
+        return self.view.types.get(robot_id)
 
     def capacity_of(self, robot_id: str) -> float:
         """Return what a robot's bucket or bed holds, in cubic metres."""

@@ -22,6 +22,7 @@ SOLID_CLASSES = frozenset({"obstacle", "rock"})
 _GRASP_M = 0.35
 _ACCELERATION = 2.0
 _TURN_ACCELERATION = 2.5
+_AT_REST_RAD = 1e-9
 
 
 @dataclass
@@ -83,6 +84,8 @@ class KinematicWorld:
         self.things = [
             Thing(t.name, t.radius_m, t.height_m, t.position) for t in site.things if t.object_class in SOLID_CLASSES
         ]
+        self._awake: dict[str, Body] = {}
+        """Machines that something may change at the next step; the others cost nothing."""
         self.robots: dict[str, Body] = {}
         for entry in site.robots:
             if entry.id in robot_ids:
@@ -93,6 +96,7 @@ class KinematicWorld:
         robot = self.robots[robot_id]
         robot.order = Order(order.speed_mps, order.turn_radps, {**robot.order.joints, **order.joints})
         robot.order_ends_s = self.time_s + self._timeout_s
+        self._awake[robot_id] = robot
 
     def telemetry(self, robot_id: str) -> Telemetry:
         """Return what a machine senses now."""
@@ -108,18 +112,23 @@ class KinematicWorld:
             load=Load(soil_m3=robot.soil_m3, bodies=tuple(t.name for t in robot.things)),
         )
 
-    def advance(self) -> None:
-        """Let one step of site time pass."""
+    def advance(self) -> list[str]:
+        """Let one step of site time pass; return the machines that it may have changed."""
         self.time_s += STEP_S
         self._seq += 1
-        for robot in self.robots.values():
-            self._move(robot)
+        awake = list(self._awake.values())
+        self._awake.clear()
+        for robot in awake:
+            if not self._move(robot):
+                self._awake[robot.robot_id] = robot
             if robot.type.body == "excavator":
                 self._work_bucket(robot)
             elif robot.type.body == "dump_truck" and robot.joints["bed"] > DUMP_TRUCK.empties_above_rad:
                 self._drop(robot, place(robot.pose, DUMP_TRUCK.drop_x_m))
+        return [robot.robot_id for robot in awake]
 
-    def _move(self, robot: Body) -> None:
+    def _move(self, robot: Body) -> bool:
+        """Move tracks and joints by one step; return whether the machine is at rest, as its order wants it."""
         in_time = self.time_s <= robot.order_ends_s
         order = robot.order if in_time else Order()
         kind = robot.type
@@ -135,9 +144,12 @@ class KinematicWorld:
         )
         if not in_time:
             robot.order = Order(joints=dict(robot.joints))
+        at_rest = not (speed or turn or robot.speed or robot.turn)
         for name, limit in robot.limits.items():
             wanted = min(max(robot.order.joints.get(name, robot.joints[name]), limit.low), limit.high)
+            at_rest = at_rest and abs(wanted - robot.joints[name]) < _AT_REST_RAD
             robot.joints[name] += _cut(wanted - robot.joints[name], limit.speed_radps * STEP_S)
+        return at_rest
 
     def _work_bucket(self, robot: Body) -> None:
         angle = robot.joints["bucket"]
@@ -185,6 +197,7 @@ class KinematicWorld:
             robot.soil_m3 -= taken
             truck.things += robot.things
             robot.things = []
+            self._awake[truck.robot_id] = truck  # its bed may be up
         self._drop(robot, at)
 
     def _drop(self, robot: Body, at: Point) -> None:

@@ -29,6 +29,8 @@ BLOCKED_S = 3.0
 HOPELESS_S = 5.0
 """How often a way is looked for where there was none."""
 STEP_ASIDE_AFTER_S = 8.0
+SIGHT_M = 80.0
+"""Robots farther away than this are looked at when they come nearer."""
 KEEP_BACK_M = 2.0
 """How far from a robot that stands on the goal this one waits until it has gone."""
 
@@ -336,9 +338,10 @@ def ground_circles(machine: Machine) -> list[Circle]:
 
 
 def neighbours_of(machine: Machine) -> list[Neighbour]:
-    """Return the other robots as traffic counts on them."""
+    """Return the other robots in sight as traffic counts on them."""
     around, me = machine.surroundings, machine.card.robot_id
-    return [_neighbour(machine, state, goes_first=state.robot_id < me) for state in around.others.values()]
+    near = (s for s in around.others.values() if s.pose.distance(machine.pose) < SIGHT_M)
+    return [_neighbour(machine, state, goes_first=state.robot_id < me) for state in near]
 
 
 def _neighbour(machine: Machine, state: RobotState, *, goes_first: bool) -> Neighbour:
