@@ -13,7 +13,7 @@ RUN ?= run
 MINUTES ?= 90
 MEMBERS := schemas bus cli $(SERVICES:%=services/%)
 
-.PHONY: help install demo up down test lint format schemas bench requirements train-planner train-vision clean
+.PHONY: help install demo up down test lint format schemas bench evaluation requirements train-planner train-vision clean
 
 help: ## list these targets
 	@sed -nE 's/^([a-z-]+):[^#]*## (.*)/  \1|\2/p' $(MAKEFILE_LIST) | column -t -s '|'
@@ -63,6 +63,11 @@ schemas: install ## write what is generated: docs/channels.md, schemas/json, rou
 
 bench: install ## measure, print a table, write benchmarks/results.json
 	@$(BIN)/python -m benchmarks
+
+DATASET ?= services/planner/training/development.jsonl
+
+evaluation: install ## measure the embedded planner's plans, write docs/evaluation/ (some minutes)
+	@$(BIN)/muster evaluate $(DATASET) --out docs/evaluation/$(basename $(notdir $(DATASET)))
 
 # The lock holds download addresses of one registry, so it stays out of git; what is exported from it has none.
 LOCKED := env -u UV_FIND_LINKS -u UV_INDEX -u UV_INDEX_URL -u VIRTUAL_ENV $(BIN)/uv

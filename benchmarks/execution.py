@@ -43,6 +43,7 @@ LIMIT: Final = 8
 SPEED: Final = 8.0
 ENDS_WITHIN_S: Final = 600.0
 """Of the clock; a mission that has not ended by then has not reached its goal."""
+NOT_ENDED: Final = "not ended"
 SETTLES_S: Final = 2.0
 """Site time after a mission's end until soil and machines are at rest."""
 
@@ -132,7 +133,7 @@ def execute(dataset: Path, *, limit: int | None, planner: str = "embedded") -> E
                     + ("goal reached" if done.reached else "; ".join(done.unmet)),
                     highlight=False,
                 )
-                if not asyncio.run(running.tidy()):
+                if done.ended == NOT_ENDED or not asyncio.run(running.tidy()):
                     break
     return Execution(dataset=dataset.name, planner=planner, ran=tuple(ran[c.id] for c in cases))
 
@@ -195,7 +196,7 @@ class _Site:
         async with open_bus(self._site.name, [self._endpoint]) as bus:
             before = await _truth(bus)
             view = await _until_ended(bus, case.text, plan)
-            ended = view.mission.state.value if view.mission.state.ended else "not ended"
+            ended = view.mission.state.value if view.mission.state.ended else NOT_ENDED
             after = await _truth(bus, settled=True)
             rules: AreaRules = await bus.ask(RULES, RulesQuery(), timeout_s=30)
         wrong = unmet(goal_of(case, self._site), self._site, self._fleet, before, after, rules)

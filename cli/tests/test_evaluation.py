@@ -63,6 +63,7 @@ def test_failures_are_listed_with_what_is_missing(tmp_path: Path) -> None:
     [
         (("nowhere.jsonl",), "nowhere.jsonl: No such file"),
         (("set.jsonl", "--planner", "nobody"), "'nobody'"),
+        (("set.jsonl", "--out", "/dev/null/none"), "/dev/null"),
         (("set.jsonl", "--method", "smart-llm"), "cannot do --method smart-llm"),
         (("set.jsonl", "--planner", "ollama:llama3.1"), "ollama serve"),
     ],

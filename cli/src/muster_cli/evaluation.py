@@ -1,5 +1,6 @@
 """`muster evaluate`: how well a planner plans a data set, without a running site."""
 
+import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -49,6 +50,9 @@ def evaluate(asked: Asked, console: Console) -> None:
             "The planner is not installed here; to evaluate it takes the package muster-planner.", 2
         ) from error
     try:
+        if asked.out:
+            _writable(asked.out)
+            picture.require()
         answers, complete = _answers(asked)
         if not answers:
             raise CliError("Stopped before the first answer.", 130)
@@ -59,6 +63,7 @@ def evaluate(asked: Asked, console: Console) -> None:
             method=asked.method,
             dependencies=asked.dependencies,
             repeat=asked.repeat,
+            limit=asked.limit,
             complete=complete,
         )
         _show(result, console)
@@ -66,15 +71,25 @@ def evaluate(asked: Asked, console: Console) -> None:
             for answer in result.failures:
                 console.print(report.failure(answer), markup=False, highlight=False, soft_wrap=True)
         if asked.out:
-            asked.out.parent.mkdir(parents=True, exist_ok=True)
-            asked.out.with_suffix(".json").write_text(result.model_dump_json(indent=1) + "\n", encoding="utf-8")
-            asked.out.with_suffix(".md").write_text(report.markdown(result), encoding="utf-8")
-            picture.draw(result, asked.out.with_suffix(".png"))
-            console.print(f"Written: {asked.out.with_suffix('')}.json, .md, .png", highlight=False, soft_wrap=True)
+            _target(asked.out, "json").write_text(result.model_dump_json(indent=1) + "\n", encoding="utf-8")
+            _target(asked.out, "md").write_text(report.markdown(result), encoding="utf-8")
+            picture.draw(result, _target(asked.out, "png"))
+            console.print(f"Written: {asked.out}.json, .md, .png", highlight=False, soft_wrap=True)
     except (SetupError, DatasetError) as error:
         raise CliError(str(error), 2) from error
     except OSError as error:
         raise CliError(f"{error.filename}: {error.strerror}", 2) from error
+
+
+def _target(out: Path, ending: str) -> Path:
+    return out.with_name(f"{out.name}.{ending}")
+
+
+def _writable(out: Path) -> None:
+    """Find out before the long work whether its result can be kept."""
+    out.parent.mkdir(parents=True, exist_ok=True)
+    if not os.access(out.parent, os.W_OK) or any(_target(out, e).is_dir() for e in ("json", "md", "png")):
+        raise CliError(f"Nothing can be written as {out}. Give --out another name.", 2)
 
 
 def _answers(asked: Asked) -> "tuple[list[Answer], bool]":

@@ -20,6 +20,7 @@ RESULT = summarise(
     method="smart-llm",
     dependencies=False,
     repeat=2,
+    limit=9,
     complete=False,
 )
 
@@ -27,7 +28,10 @@ RESULT = summarise(
 def test_the_page_holds_both_tables_and_what_the_paper_reports() -> None:
     """And says how it was made."""
     page = report.markdown(RESULT)
-    assert "d.jsonl, planner embedded, smart-llm, without dependencies (queues), 2 repeats" in page
+    assert (
+        "d.jsonl, planner embedded, smart-llm, without dependencies (queues), 9 cases drawn by chance, 2 repeats"
+        in page
+    )
     assert "| L1 | 1 | 1.000 ± 0.000 | 1.000 | 1.000 | 1.000 | 1.00 | 1.00 | 0.00 |" in page
     assert "| L3 | 0.000 | 0.000 | 0.000 | 0.000 |" in page
     assert "| DART-LLM (DeepSeek-r1) | 1.00 | 1.00 | 1.00 | 1.00 | 0.30 | 0.97 |" in page

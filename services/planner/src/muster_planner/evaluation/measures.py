@@ -101,6 +101,8 @@ class Evaluation(BaseModel):
     method: str
     dependencies: bool
     repeat: int
+    limit: int | None = None
+    """So many cases were drawn from the data set; None: all."""
     complete: bool
     rows: tuple[Row, ...]
     ablation: tuple[AblationRow, ...]

@@ -1,5 +1,6 @@
 """An evaluation as a picture: the table above, SR with and without dependencies below."""
 
+import importlib.util
 from pathlib import Path
 from typing import Any
 
@@ -17,18 +18,21 @@ _BARS = (
 )
 
 
-def draw(evaluation: Evaluation, target: Path) -> None:
-    """Write the picture, of the kind that the file's name says (png, svg, pdf).
+def require() -> None:
+    """Find out before the long work whether a picture can be drawn.
 
     Raises:
         SetupError: matplotlib is not installed.
 
     """
-    try:
-        from matplotlib.figure import Figure  # noqa: PLC0415 (only pictures need it)
-    except ModuleNotFoundError as error:
-        message = "Pictures need matplotlib. Install it with the planner's extra `evaluation`."
-        raise SetupError(message) from error
+    if importlib.util.find_spec("matplotlib") is None:
+        raise SetupError("Pictures need matplotlib. Install it with the planner's extra `evaluation`.")
+
+
+def draw(evaluation: Evaluation, target: Path) -> None:
+    """Write the picture, of the kind that the file's name says (png, svg, pdf)."""
+    from matplotlib.figure import Figure  # noqa: PLC0415 (only pictures need it)
+
     figure: Any = Figure(figsize=(9, 6.4), layout="constrained")
     above, below = figure.subplots(2, 1, height_ratios=(1, 2))
     _table(above, evaluation)

@@ -58,6 +58,8 @@ def title(evaluation: Evaluation) -> str:
         parts.append(evaluation.method)
     if not evaluation.dependencies:
         parts.append("without dependencies (queues)")
+    if evaluation.limit:
+        parts.append(f"{evaluation.limit} cases drawn by chance")
     if evaluation.repeat > 1:
         parts.append(f"{evaluation.repeat} repeats")
     return ", ".join(parts)
