@@ -104,7 +104,11 @@ def _rows(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
 
 def failure(answer: Answer) -> str:
     """Return what was wrong with one answer, in some lines."""
-    lines = [f"{answer.id}: {answer.why}", f"    {answer.text}", *(f"    {line}" for line in answer.diff)]
+    lines = [
+        f"{answer.id}: {answer.why}",
+        f"    {' '.join(answer.text.split())}",
+        *(f"    {line}" for line in answer.diff),
+    ]
     if answer.error:
         lines.append(f"    said: {answer.error}")
     return "\n".join(lines)
