@@ -72,7 +72,7 @@ evaluation: install ## measure the embedded planner's plans, write docs/evaluati
 # The lock holds download addresses of one registry, so it stays out of git; what is exported from it has none.
 LOCKED := env -u UV_FIND_LINKS -u UV_INDEX -u UV_INDEX_URL -u VIRTUAL_ENV $(BIN)/uv
 EXPORT := $(LOCKED) export --frozen --quiet --format requirements-txt --no-emit-workspace --no-header
-OVERRIDDEN := --prune llm --prune llama-cpp-python
+OVERRIDDEN := --prune llm --prune llama-cpp-python --prune sentence-transformers
 
 requirements: .venv/.bootstrapped ## pin requirements/*.txt anew (UPGRADE=1: to the newest versions allowed)
 	@$(LOCKED) lock $(if $(UPGRADE),--upgrade)
@@ -83,8 +83,8 @@ requirements: .venv/.bootstrapped ## pin requirements/*.txt anew (UPGRADE=1: to 
 
 train-planner: install ## train the embedded planner's model, or go on (RUN=name, MINUTES=90)
 	@cd services/planner && ../../$(BIN)/python -m training.train --run $(RUN) --minutes $(MINUTES)
-	@cd services/planner && ../../$(BIN)/python -m training.export --run $(RUN) --to src/muster_planner/models/planner-lora.gguf
-	@cd services/planner && ../../$(BIN)/python -m training.evaluate
+	@cd services/planner && ../../$(BIN)/python -m training.export --run $(RUN) --to src/muster_planner/models/planner
+	@cd services/planner && ../../$(BIN)/python -m training.evaluate training/development.jsonl
 
 train-vision: install ## train the detector's model anew
 	@cd services/vision && ../../$(BIN)/python -m training

@@ -17,9 +17,6 @@ from packaging.utils import canonicalize_name
 ROOT = Path(__file__).parents[1]
 MEMBERS = sorted(p.parent for p in [*ROOT.glob("*/pyproject.toml"), *ROOT.glob("services/*/pyproject.toml")])
 HEAVY = {"torch", "opencv-contrib-python-headless", "opencv-python", "pybullet", "open-clip-torch"}
-SETS_FOR_A_LIBRARY = {"services/planner/src/muster_planner/embedded_engine.py"}
-"""Modules that set (and never read) a variable that a native library reads when it is loaded."""
-
 SPEAKS_FOR_OTHERS = {"tests/test_bad_input.py", "tests/test_plain_subscriber.py"}
 """Tests that play a program of another make, which knows Zenoh and nothing of ours."""
 
@@ -124,7 +121,7 @@ def test_the_environment_is_read_in_settings_only() -> None:
     wrong = [
         f"{m.name}:{node.lineno}"
         for m in modules()
-        if m.path.name != "settings.py" and not m.is_test and m.name not in SETS_FOR_A_LIBRARY
+        if m.path.name != "settings.py" and not m.is_test
         for node in ast.walk(m.tree)
         if (isinstance(node, ast.Attribute) and node.attr in {"environ", "environb", "getenv", "putenv"})
         or (

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from muster_planner.embedded import scene_of
 from muster_planner.evaluation.cases import read_cases
 from muster_planner.evaluation.fleet import Fleet
 from muster_planner.evaluation.scoring import score
 from muster_planner.plan_language import label
-from muster_planner.prompt_compact import prompt, site_part
 from muster_planner.short_names import SiteNames
 from muster_planner.surroundings import Surroundings
 from muster_schemas.site import load_site
@@ -37,11 +37,10 @@ def training(module: str) -> Any:
     return importlib.import_module(f"{package}.{module}")
 
 
-def test_training_and_service_say_the_same_prompt() -> None:
+def test_training_and_service_see_the_same_site() -> None:
     """The model meets in service exactly what it was trained on."""
-    sites = training("sites")
-    assert sites.prefix(sites.YARD) == site_part(NAMES)
-    assert sites.prefix(sites.YARD) + sites.question("Truck 1 goes home.") == prompt(NAMES, "Truck 1 goes home.")
+    sites, batches = training("sites"), training("batches")
+    assert batches.scene_of(sites.YARD) == scene_of(NAMES)
 
 
 def test_training_and_service_label_lines_alike() -> None:

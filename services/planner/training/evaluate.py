@@ -2,7 +2,7 @@
 """How often a model in training plans right: `muster evaluate` for files of the corpus and a model that is not shipped.
 
     python -m training.evaluate                           the shipped model on the held-out voices
-    python -m training.evaluate --adapter X.gguf --limit 60 --failures data/voice7.jsonl
+    python -m training.evaluate --model FOLDER --limit 60 --failures data/voice7.jsonl
     python -m training.evaluate --out first.json --label tokens=2000000 --label voices=65 development.jsonl
 
 It runs the very adapter class of the service on the default site, one instruction at a time. What `--out` keeps is what
@@ -14,7 +14,7 @@ import asyncio
 import resource
 from pathlib import Path
 
-from muster_planner import embedded, embedded_files
+from muster_planner import embedded
 from muster_planner.evaluation import measures, report
 from muster_planner.evaluation.cases import read_cases
 from muster_planner.evaluation.running import Judge, chosen
@@ -31,7 +31,7 @@ def arguments() -> argparse.Namespace:
     """Read the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("files", nargs="*", type=Path, help="data sets; the held-out voices if left out")
-    parser.add_argument("--adapter", type=Path, help="another adapter than the shipped one")
+    parser.add_argument("--model", type=Path, help="folder with another model than the shipped one")
     parser.add_argument("--limit", type=int, help="so many cases at most, drawn by chance (seeded)")
     parser.add_argument("--failures", action="store_true", help="print what went wrong")
     parser.add_argument("--threads", type=int, default=embedded.THREADS)
@@ -58,10 +58,8 @@ def evaluate(options: argparse.Namespace) -> measures.Evaluation:
     site = load_site(SITE)
     there = Surroundings.of_file(site)
     cases = chosen([case for file in files for case in read_cases(file, there)], options.limit)
-    if options.adapter:
-        embedded_files.ADAPTER = options.adapter
     with asyncio.Runner() as runner:
-        opened = embedded.open_embedded(threads=options.threads)
+        opened = embedded.open_embedded(threads=options.threads, folder=options.model)
         model = runner.run(opened.__aenter__())
         try:
             answers = list(Judge(there).answers(cases, OfflinePlanner(model, site, runner)))

@@ -12,7 +12,7 @@ from dataclasses import replace
 from .augment import Case
 from .branches import BRANCHES
 from .notation import Step, canonical
-from .refusals import refused
+from .refusals import one_thing, refused
 from .sites import DUMP_TRUCK, EXCAVATOR, NEW_KINDS, YARD, YARD_OBJECTS, Site
 from .waiting import late_wait, numbered, reordered, useful, with_wait
 from .wording import Act, Words, capital
@@ -58,8 +58,11 @@ def mission(random_: random.Random) -> Case:
     """Return one case: a mission, or about once in nine something to refuse."""
     site = site_of(random_)
     words = Words(site, random_)
-    if random_.random() < 0.11:
+    chance = random_.random()
+    if chance < 0.11:
         return Case(*refused(words, random_), site, "L2")
+    if chance < 0.20:
+        return Case(*one_thing(words, random_, absent=False), site, "L1")
     for _ in range(20):
         case = _composed(words, site, random_)
         if case is not None:

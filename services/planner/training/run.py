@@ -1,6 +1,7 @@
-# pyright: basic
-"""One run of training: its state on disk, its steps, and the processes that share them."""
+# pyright: basic, reportCallIssue=false, reportArgumentType=false, reportPrivateImportUsage=false
+"""One training run of the pointer model: resumable, seeded, several processes that average their gradients."""
 
+import copy
 import os
 import random
 import time
@@ -9,17 +10,22 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import torch
+from muster_planner.pointer.reading import Reader
 from torch import distributed
+from torch.nn import functional
 
 from . import corpus
-from .batches import Batch, Encoder, stream
+from .batches import Rows, draws, stream
 from .generator import mission
-from .model import Planner
-from .objective import held_out_loss, loss_of, vocabulary
+from .model import Batch, PointerModel
 
-SAVE_EVERY_S = 180
-READ_EVERY = 60
+SAVE_EVERY_S = 120
+READ_EVERY = 400
 """Steps between readings of the corpus."""
+KEPT = 0.9985
+"""Of the average of weights, a step."""
+FALL = 0.3
+"""The share of the time in which the rate falls to nothing."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +36,6 @@ class Options:
     base: Path
     minutes: float
     rate: float
-    rank: int
     tokens: int
     seed: int
     all_voices: bool
@@ -57,7 +62,6 @@ def work(place: int, options: Options) -> None:
         run.step()
     if place == 0:
         run.save()
-        run.say(f"held-out loss {run.held_out_loss():.4f}")
 
 
 class Run:
@@ -66,22 +70,31 @@ class Run:
     def __init__(self, place: int, options: Options) -> None:
         self.place, self.options = place, options
         self.device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
-        self.encoder = Encoder(options.base)
-        self.model = Planner(options.base, options.rank, options.rank).to(self.device)
-        self.model.compile()
-        self.words = vocabulary(options.folder / "vocabulary.pt", self.encoder, options.seed).to(self.device)
-        self.shared = self.encoder.shared().to(self.device)
-        self.weights = [p for p in self.model.parameters() if p.requires_grad]
+        self.rows = Rows(Reader(options.base / "tokenizer.json"))
+        self.model = PointerModel()
+        self.model.encoder.load(options.base / "model.safetensors")
+        self.model.to(self.device).train()
+        self.average = copy.deepcopy(self.model).requires_grad_(requires_grad=False)
+        encoder = {id(p) for p in self.model.encoder.parameters()}
+        self.weights = list(self.model.parameters())
         self.optimizer = torch.optim.AdamW(
-            self.weights, lr=options.rate, betas=(0.9, 0.98), weight_decay=0.0, fused=True
+            [
+                {"params": [p for p in self.weights if id(p) in encoder], "share": 0.3},
+                {"params": [p for p in self.weights if id(p) not in encoder], "share": 1.0},
+            ],
+            lr=options.rate,
+            betas=(0.9, 0.98),
+            weight_decay=0.01,
+            fused=True,
         )
-        self.steps, self.trained_s = 0, 0.0
+        self.steps, self.cases, self.trained_s = 0, 0, 0.0
         self.checkpoint = options.folder / "checkpoint.pt"
         if self.checkpoint.exists():
             state = torch.load(self.checkpoint, map_location=self.device, weights_only=True)
-            self.model.load_state_dict(state["model"], strict=False)
+            self.model.load_state_dict(state["model"])
+            self.average.load_state_dict(state["average"])
             self.optimizer.load_state_dict(state["optimizer"])
-            self.steps, self.trained_s = state["step"], state["trained"]
+            self.steps, self.cases, self.trained_s = state["step"], state["cases"], state["trained"]
         self.batches = self._read()
         self._saved = time.monotonic()
         self._mean: float | None = None
@@ -94,39 +107,48 @@ class Run:
     def step(self) -> None:
         """Do one step: a batch in every process, one change of the weights."""
         start = time.monotonic()
+        done = self.trained_s / (self.options.minutes * 60)
         for group in self.optimizer.param_groups:
-            done = self.trained_s / (self.options.minutes * 60)
-            group["lr"] = self.options.rate * min(1.0, (self.steps + 1) / 40) * max(0.02, 1.0 - done)
-        loss = loss_of(self.model, next(self.batches), self.encoder, self.shared, self.words)
+            falling = min(1.0, max(0.01, (1.0 - done) / FALL))
+            group["lr"] = self.options.rate * group["share"] * min(1.0, (self.steps + 1) / 200) * falling
+        batch = next(self.batches)
+        loss = self._loss(batch)
         self.optimizer.zero_grad(set_to_none=True)
         loss.backward()
-        spent = min(time.monotonic() - start, 30.0)  # a longer step was compilation
-        spent, average = self._together([spent, loss.item()])
+        average, cases = self._together([loss.item(), float(len(batch.ids))])
         torch.nn.utils.clip_grad_norm_(self.weights, 1.0)
         self.optimizer.step()
+        kept = min(KEPT, self.steps / (self.steps + 10))
+        with torch.no_grad():
+            torch._foreach_lerp_(list(self.average.parameters()), self.weights, 1 - kept)
         self.steps += 1
+        self.cases += round(cases * self.options.processes)
+        (spent,) = self._agreed([time.monotonic() - start])
         self.trained_s += spent
-        self._mean = average if self._mean is None else 0.95 * self._mean + 0.05 * average
-        if self.steps % 10 == 0:
-            self.say(
-                f"trained {self.trained_s / 60:.1f} min loss {average:.3f} mean {self._mean:.3f} step {spent:.1f} s"
-            )
+        self._mean = average if self._mean is None else 0.98 * self._mean + 0.02 * average
+        if self.steps % 50 == 0:
+            self.say(f"trained {self.trained_s / 60:.1f} min, {self.cases} cases, loss {self._mean:.4f}, {spent:.2f} s")
         if self.steps % READ_EVERY == 0:
-            # Read again, so that a resumed run sees what an uninterrupted one sees
             self.batches = self._read()
         if self.place == 0 and time.monotonic() - self._saved > SAVE_EVERY_S:
             self.save()
             self._saved = time.monotonic()
 
+    def _loss(self, batch: Batch) -> torch.Tensor:
+        batch = Batch(*(getattr(batch, f).to(self.device) for f in Batch.__dataclass_fields__))
+        with torch.autocast(self.device.type, torch.bfloat16):
+            scores = self.model(batch)
+        return functional.cross_entropy(scores.flatten(0, 1), batch.targets.flatten(), ignore_index=-100)
+
     def save(self) -> None:
         """Write the checkpoint; a stop in between leaves the one before."""
         state = {
-            "model": {n: p.detach() for n, p in self.model.named_parameters()},
+            "model": self.model.state_dict(),
+            "average": self.average.state_dict(),
             "optimizer": self.optimizer.state_dict(),
             "step": self.steps,
+            "cases": self.cases,
             "trained": self.trained_s,
-            "rank": self.options.rank,
-            "alpha": self.model.alpha,
         }
         part = self.checkpoint.with_suffix(".part")
         torch.save(state, part)
@@ -137,16 +159,11 @@ class Run:
         if self.place == 0:
             print(f"{time.strftime('%H:%M:%S')} step {self.steps} {text}", flush=True)
 
-    def held_out_loss(self) -> float:
-        """Return the loss on the held-out voices; ends training, since it puts the compiled code aside."""
-        return held_out_loss(self.model, self.encoder, self.shared, self.words, self.options.tokens)
-
     def _read(self) -> Iterator[Batch]:
         cases = corpus.training() + (corpus.held_out() if self.options.all_voices else [])
-        count = sum(w.numel() for w in self.weights) / 1e6
-        self.say(f"{len(cases)} cases, {len(self.words)} words, {count:.1f} M weights")
-        seed = f"{self.options.seed}/{self.steps}/{self.place}"
-        return stream(self.encoder, cases, mission, self.options.tokens, random.Random(seed))
+        self.say(f"{len(cases)} cases to draw from")
+        random_ = random.Random(f"{self.options.seed}/{self.steps}/{self.place}")
+        return stream(self.rows, draws(cases, mission, random_), self.options.tokens)
 
     def _together(self, numbers: list[float]) -> list[float]:
         """Average all processes' gradients (in place) and `numbers`, which come back."""
@@ -161,3 +178,11 @@ class Run:
             grad.copy_(flat[at : at + grad.numel()].view_as(grad))
             at += grad.numel()
         return flat[at:].tolist()
+
+    def _agreed(self, numbers: list[float]) -> list[float]:
+        """Return the first process' numbers, so that all end at the same step."""
+        if self.options.processes == 1:
+            return numbers
+        told = torch.tensor(numbers, dtype=torch.float64)
+        distributed.broadcast(told, 0)
+        return told.tolist()

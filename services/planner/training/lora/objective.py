@@ -8,9 +8,10 @@ from pathlib import Path
 import torch
 from torch.nn import functional
 
-from . import corpus
+from training import corpus
+from training.generator import mission
+
 from .batches import Batch, Encoder, sorted_batches
-from .generator import mission
 from .model import Block, Planner
 
 
