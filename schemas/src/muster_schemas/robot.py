@@ -84,6 +84,8 @@ class TargetObject(Message):
 class RequestAction(StrEnum):
     """What a request asks the agent to do about (mission, task, attempt)."""
 
+    PREPARE = "prepare"
+    """Part of a team task: accept and keep still, or refuse; `start` comes once all of the team have accepted."""
     START = "start"
     CANCEL = "cancel"
     PAUSE = "pause"

@@ -278,3 +278,47 @@ def test_whatever_comes_an_attempt_begins_once_and_its_final_word_stands(events:
                 assert finals.setdefault(ref, status.state) == status.state
         core.validate()
     assert all(starts.count(ref) == 1 for ref in starts)
+
+
+def test_a_prepared_robot_waits_for_the_common_start() -> None:
+    """It accepts and keeps still; the start of the same attempt moves it, once."""
+    core = a_core()
+    prepared = core.request(a_request(RequestAction.PREPARE), NOW)
+    assert (said(prepared), begun(prepared)) == ([SkillStatusKind.ACCEPTED], 0)
+    again = core.request(a_request(RequestAction.PREPARE), NOW)
+    assert (said(again), begun(again)) == ([SkillStatusKind.ACCEPTED], 0)
+    started = core.request(a_request(), NOW + 1)
+    assert (said(started), begun(started)) == ([SkillStatusKind.STARTED], 1)
+    assert isinstance(started[0], Save)
+    assert begun(core.request(a_request(), NOW + 1)) == 0
+    core.validate()
+
+
+def test_a_prepared_robot_is_busy() -> None:
+    """Nobody else gets it until it has been told to start or to give up."""
+    core = a_core()
+    core.request(a_request(RequestAction.PREPARE), NOW)
+    assert said(core.request(a_request(task_id="t2"), NOW)) == [SkillStatusKind.REFUSED]
+    assert said(core.request(a_request(RequestAction.CANCEL), NOW)) == [SkillStatusKind.CANCELLED]
+    assert begun(core.request(a_request(task_id="t3"), NOW)) == 1
+    core.validate()
+
+
+def test_a_prepared_robot_that_cannot_start_says_so() -> None:
+    """What has come in between counts: a stop by a person, or a start that was held up on its way."""
+    for hindrance, late_s in (("stopped", 0), (None, 11)):
+        core = a_core()
+        core.request(a_request(RequestAction.PREPARE), NOW)
+        effects = core.request(a_request(), NOW + late_s, hindrance)
+        assert (said(effects), begun(effects)) == ([SkillStatusKind.REFUSED], 0)
+        core.validate()
+
+
+def test_a_prepared_robot_that_restarts_has_not_begun() -> None:
+    """Nothing moved, so its attempt counts as refused and not as interrupted."""
+    first = a_core()
+    first.request(a_request(RequestAction.PREPARE), NOW)
+    kept = first.attempt(a_request().ref)
+    assert kept is not None
+    again = a_core([kept])
+    assert said(again.recover(NOW)) == [SkillStatusKind.REFUSED]

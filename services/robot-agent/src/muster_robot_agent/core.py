@@ -106,11 +106,12 @@ class Core:
         """Report what an earlier life left under way: the machine stands still, how far it came is not known."""
         effects: list[Effect] = []
         for attempt in [a for a in self._attempts.values() if not a.state.final]:
+            begun = attempt.state is not SkillStatusKind.ACCEPTED
             ended = replace(
                 attempt,
-                state=SkillStatusKind.INTERRUPTED,
+                state=SkillStatusKind.INTERRUPTED if begun else SkillStatusKind.REFUSED,
                 seq=attempt.seq + PROGRESS_STEPS + 1,
-                reason="the agent restarted while this was under way",
+                reason=f"the agent restarted {'while this was under way' if begun else 'before this began'}",
             )
             effects += self._keep(ended, now)
         return effects
@@ -134,7 +135,21 @@ class Core:
         foreign = fenced or request.boot_id != self.boot_id or request.skill != known.skill
         if request.ref != self.active or foreign or self._cancelling:
             return [Say(self._status(known, now))]
+        if known.state is SkillStatusKind.ACCEPTED:
+            return self._prepared(request, known, now, hindrance)
         return self._steer(request.action, known, now)
+
+    def _prepared(self, request: SkillRequest, known: Attempt, now: float, hindrance: str | None) -> list[Effect]:
+        """Begin with the team, or give up a reservation; the machine has not moved for this attempt."""
+        if request.action is RequestAction.CANCEL:
+            return self.ended(known.ref, SkillStatusKind.CANCELLED, "it had not begun", now)
+        if request.action is not RequestAction.START:
+            return [Say(self._status(known, now))]
+        refusal = self._too_late(request, now) or hindrance
+        if refusal is not None:
+            return self.ended(known.ref, SkillStatusKind.REFUSED, refusal, now)
+        started = replace(known, state=SkillStatusKind.STARTED, seq=known.seq + 1)
+        return [*self._keep(started, now), Begin(request)]
 
     def _steer(self, action: RequestAction, known: Attempt, now: float) -> list[Effect]:
         """Act on the attempt that is under way."""
@@ -157,13 +172,16 @@ class Core:
             seq=1,
             deadline=request.deadline,
         )
-        if request.action is not RequestAction.START:
+        if request.action not in (RequestAction.START, RequestAction.PREPARE):
             reason = f"asked to {request.action} an attempt that was never seen here; a start of it is now refused"
             return self._keep(replace(fresh, reason=reason), now)
         refusal = self._refusal(request, now, fenced=fenced) or hindrance
         if refusal is not None:
             return self._keep(replace(fresh, state=SkillStatusKind.REFUSED, reason=refusal), now)
         accepted = replace(fresh, state=SkillStatusKind.ACCEPTED)
+        if request.action is RequestAction.PREPARE:
+            self.active, self._cancelling = request.ref, False
+            return self._keep(accepted, now)
         started = replace(fresh, state=SkillStatusKind.STARTED, seq=2)
         self.active, self._cancelling = request.ref, False
         # one commit covers both words: nothing is said or moved before it
@@ -175,14 +193,20 @@ class Core:
             return f"epoch {request.epoch} is over: a scheduler of epoch {self.epoch} has spoken"
         if request.boot_id != self.boot_id:
             return f"meant for an earlier life of this agent ({request.boot_id}); it is now {self.boot_id}"
-        if now > request.deadline:
-            return f"it came {now - request.deadline:.1f} s after its deadline"
+        late = self._too_late(request, now)
+        if late is not None:
+            return late
         if request.skill not in self._skills:
             return f"{self.robot_id} has no skill {request.skill}"
         if self.active is not None:
             busy = self.active
             return f"busy with task {busy.task_id} of mission {busy.mission_id}, attempt {busy.attempt}"
         return None
+
+    @staticmethod
+    def _too_late(request: SkillRequest, now: float) -> str | None:
+        late_s = now - request.deadline
+        return f"it came {late_s:.1f} s after its deadline" if late_s > 0 else None
 
     def _resume(self, known: Attempt, now: float) -> list[Effect]:
         if known.state is not SkillStatusKind.PAUSED:

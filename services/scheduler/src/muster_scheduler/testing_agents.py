@@ -64,6 +64,7 @@ class SimulatedAgent:
         """Whether it leaves stop orders unanswered."""
         self._last: dict[TaskRef, SkillStatus] = {}
         self._running: dict[TaskRef, asyncio.Task[None]] = {}
+        self._prepared: set[TaskRef] = set()
         self._pose: Pose = self.card.home
 
     @contextlib.asynccontextmanager
@@ -145,20 +146,31 @@ class SimulatedAgent:
         self.requests.append(request)
         ref = request.ref
         if ref in self._last:
-            if request.action is RequestAction.CANCEL and ref in self._running:
-                self._running.pop(ref).cancel()
+            if request.action is RequestAction.CANCEL and ref in self._prepared | set(self._running):
+                if ref in self._running:
+                    self._running.pop(ref).cancel()
+                self._prepared.discard(ref)
                 self._end(request, SkillStatusKind.CANCELLED)
+            elif request.action is RequestAction.START and ref in self._prepared:
+                self._prepared.discard(ref)
+                self._start(request)
             else:
                 self.say(self._last[ref])
-        elif request.action is not RequestAction.START:
+        elif request.action not in (RequestAction.START, RequestAction.PREPARE):
             self._end(request, SkillStatusKind.UNKNOWN)
-        elif request.boot_id != self.card.boot_id or self._running or self.stopped:
+        elif request.boot_id != self.card.boot_id or self._running or self._prepared or self.stopped:
             self._end(request, SkillStatusKind.REFUSED, "busy, stopped or another life")
+        elif request.action is RequestAction.PREPARE:
+            self._prepared.add(ref)
+            self._word(request, SkillStatusKind.ACCEPTED)
         else:
-            self.log.append((time.monotonic(), "start", request))
-            self.started[ref] += 1
-            self._word(request, SkillStatusKind.STARTED)
-            self._running[ref] = asyncio.create_task(self._work(request))
+            self._start(request)
+
+    def _start(self, request: SkillRequest) -> None:
+        self.log.append((time.monotonic(), "start", request))
+        self.started[request.ref] += 1
+        self._word(request, SkillStatusKind.STARTED)
+        self._running[request.ref] = asyncio.create_task(self._work(request))
 
     async def _work(self, request: SkillRequest) -> None:
         await asyncio.sleep(self.takes_s)

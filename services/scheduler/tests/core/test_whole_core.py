@@ -105,8 +105,10 @@ class WholeCore(RuleBasedStateMachine):
         known = self.begun.get((robot_id, ref))
         if known is not None and known.final:
             kind = known
-        elif known is None and request.action is not RequestAction.START:
+        elif known is None and request.action not in (RequestAction.START, RequestAction.PREPARE):
             kind = SkillStatusKind.UNKNOWN
+        elif known is None and request.action is RequestAction.PREPARE and not kind.final:
+            kind = SkillStatusKind.ACCEPTED
         elif known is None and request.boot_id != self.yard.boots[robot_id]:
             kind = SkillStatusKind.REFUSED
         elif known is not None and kind in (SkillStatusKind.REFUSED, SkillStatusKind.UNKNOWN):
@@ -237,7 +239,11 @@ class WholeCore(RuleBasedStateMachine):
                 break
             for (robot_id, ref), request in list(self.yard.outbox.items()):
                 last = self.begun.get((robot_id, ref))
-                kind = SkillStatusKind.SUCCEEDED if request.action is RequestAction.START else SkillStatusKind.UNKNOWN
+                answers = {
+                    RequestAction.PREPARE: SkillStatusKind.ACCEPTED,
+                    RequestAction.START: SkillStatusKind.SUCCEEDED,
+                }
+                kind = answers.get(request.action, SkillStatusKind.UNKNOWN)
                 self._say(robot_id, ref, request.skill, last if last and last.final else kind, 1.0)
             self.yard.wait(1.1)
         stuck = [

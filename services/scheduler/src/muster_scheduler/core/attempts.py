@@ -78,6 +78,8 @@ def hear(turn: Turn, status: SkillStatus) -> None:
     run.seq = status.seq
     forgotten = status.state is SkillStatusKind.UNKNOWN and run.state not in (None, SkillStatusKind.ACCEPTED)
     run.state = SkillStatusKind.INTERRUPTED if forgotten else status.state
+    # whatever it was told: who says that it is at work, or was, may have moved
+    run.released |= run.state not in (*NOT_STARTED, SkillStatusKind.ACCEPTED, SkillStatusKind.CANCELLED)
     run.progress = max(run.progress, status.progress)
     run.reason = "its agent has lost its memory of this attempt" if forgotten else status.reason
     if run.over:
@@ -137,6 +139,8 @@ def settle(turn: Turn, task: Task) -> None:
             continue
         if task.closing is None:
             close(turn, task, run.state or SkillStatusKind.FAILED, f"{run.robot_id}: {run.reason or run.state}")
+    if task.closing is None and task.is_team:
+        _abort_if_lost(turn, task)
     if task.closing is not None:
         _give_up_on_lost(turn, task)
     waits_for_rules = any(_refused_rule(turn, task, r) for r in task.runs.values())
@@ -153,6 +157,14 @@ def close(turn: Turn, task: Task, why: SkillStatusKind, reason: str) -> None:
     task.closing_reason = reason[:1000]
     task.give_up_at = turn.now + turn.state.policy.cancel_wait_s
     turn.wake_at(task.give_up_at, task)
+
+
+def _abort_if_lost(turn: Turn, task: Task) -> None:
+    """Halt a team of which one is lost: the others must not work beside a machine that nobody hears of."""
+    lost = [r for r in task.runs.values() if not r.over and turn.state.robots[r.robot_id].presence is Presence.OFFLINE]
+    if lost:
+        why = SkillStatusKind.FAILED if any(r.released for r in task.runs.values()) else SkillStatusKind.UNKNOWN
+        close(turn, task, why, f"{', '.join(r.robot_id for r in lost)}: lost")
 
 
 def _give_up_on_lost(turn: Turn, task: Task) -> None:
@@ -225,10 +237,11 @@ def _may_repeat(turn: Turn, task: Task) -> bool:
     """Count what did not work, and say whether the policy allows another attempt."""
     policy = turn.state.policy
     runs = task.runs.values()
-    if any(r.lost for r in runs):
+    if any(r.lost and r.released for r in runs):
         return False
     repeatable = task.skill.verb in REPEATABLE_VERBS
-    if task.closing in NOT_STARTED and (repeatable or all(r.state in NOT_STARTED for r in runs)):
+    unmoved = all(r.state in NOT_STARTED or not r.released for r in runs)
+    if task.closing in NOT_STARTED and (repeatable or unmoved):
         task.refusals += 1
         return task.refusals < policy.refusals
     task.failures += 1

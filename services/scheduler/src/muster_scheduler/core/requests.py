@@ -17,6 +17,7 @@ def sync(turn: Turn, task: Task) -> None:
         if wanted == run.asked:
             continue
         run.asked = wanted
+        run.released |= wanted is not None and wanted[0] is RequestAction.START
         if wanted is None:
             turn.effects.append(Hush(robot_id=run.robot_id, ref=task.ref))
         else:
@@ -38,7 +39,10 @@ def _wanted(state: State, task: Task, run: Run) -> tuple[RequestAction, str] | N
         # a later life of the agent, or a start that may never have arrived and must not happen now: what is known?
         action = RequestAction.QUERY
     elif run.state is None:
-        action = RequestAction.START
+        action = RequestAction.PREPARE if task.is_team else RequestAction.START
+    elif run.state is SkillStatusKind.ACCEPTED and task.is_team:
+        # the common start: none moves before all have accepted
+        action = RequestAction.START if task.assembled and not halted else None
     elif halted and not run_paused and not task.is_rule:
         action = RequestAction.PAUSE
     elif run_paused and not halted:

@@ -67,6 +67,8 @@ class Run:
     reason: str | None = None
     asked: tuple[RequestAction, str] | None = None
     """What is being sent, and to which life of the agent."""
+    released: bool = False
+    """It has been told to start, or says that it did: it may have moved."""
     lost: bool = False
     """Closed without the robot's word: what it does, or did, is not known."""
 
@@ -134,6 +136,16 @@ class Task:
     def active(self) -> bool:
         """Whether an attempt is under way."""
         return self.state in (TaskStatus.DISPATCHED, TaskStatus.RUNNING, TaskStatus.PAUSED)
+
+    @property
+    def is_team(self) -> bool:
+        """Whether several robots do it, which start together and fail together."""
+        return len(self.runs) > 1 and not self.is_rule
+
+    @property
+    def assembled(self) -> bool:
+        """Whether all robots of the attempt have answered, none of them with a refusal."""
+        return self.closing is None and all(r.state is not None for r in self.runs.values())
 
     @property
     def is_rule(self) -> bool:
