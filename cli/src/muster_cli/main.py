@@ -156,7 +156,10 @@ def evaluate(  # noqa: PLR0913, PLR0917 (one for each option)
     site_file: SiteFile = None,
 ) -> None:
     """Measure how well a planner plans: SR, IPA, DSR, SGSR, RTR by level. Needs no running site; nothing moves."""
-    asked = evaluation.Asked(
+    evaluation.evaluate(
+        _out,
+        failures=failures,
+        out=out,
         dataset=dataset,
         site=site.chosen(read_settings(), site_file),
         planner=planner,
@@ -164,10 +167,7 @@ def evaluate(  # noqa: PLR0913, PLR0917 (one for each option)
         dependencies=not no_dependencies,
         repeat=repeat,
         limit=limit,
-        failures=failures,
-        out=out,
     )
-    evaluation.evaluate(asked, _out)
 
 
 @app.command()
