@@ -87,7 +87,7 @@ class Assignment:
         if not wanted:
             return False
         self._tidy(state)
-        question = ask(state, world, self.durations, wanted, at)
+        question = ask(state, world, self.durations, wanted, at, self._queues)
         self._count += 1
         self.searches += question.problem.has_choice()
         self._take(question, solve(question.problem, self.limits, seed=self._count), wanted, at)
@@ -213,7 +213,7 @@ class Assignment:
         rivals = [(robot_id, key) for robot_id in team for key in self._before(state, robot_id, rank)]
         if not rivals:
             return None
-        question = ask(state, world, self.durations, {task.mission_id, *(k[0] for _, k in rivals)}, at)
+        question = ask(state, world, self.durations, {task.mission_id, *(k[0] for _, k in rivals)}, at, self._queues)
         own = question.number(task.key)
         order, teams = self._order(question), self._known_teams(question.problem)
         planned = timed(question.problem, order, teams)

@@ -5,7 +5,7 @@ robots, until the horizon is full.
 """
 
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -39,6 +39,9 @@ UNKNOWN_S: Final = 60.0
 """Expected of a task that nobody has estimated."""
 NEVER: Final = 1e6
 
+Planned = Mapping[str, Sequence[TaskKey]]
+NOTHING: Final[Planned] = {}
+
 
 @dataclass(slots=True)
 class Question:
@@ -54,9 +57,21 @@ class Question:
         return next((n for n, t in enumerate(self.tasks) if t.key == key), None)
 
 
-def ask(state: State, world: World, durations: Durations, missions: Iterable[str], at: float) -> Question:
-    """Return the question about missions and those that want the same robots."""
-    return _Builder(state, world, durations, at).build(_around(state, missions))
+def ask(
+    state: State, world: World, durations: Durations, missions: Iterable[str], at: float, planned: Planned = NOTHING
+) -> Question:  # fmt: skip
+    """Return the question about missions and those that want the same robots.
+
+    Args:
+        state: of the core.
+        world: where things are.
+        durations: what is known of them.
+        missions: to begin with.
+        at: the time now.
+        planned: for each robot what it was planned for so far, also what is not ready yet.
+
+    """
+    return _Builder(state, world, durations, at).build(_around(state, missions, planned))
 
 
 def remaining_s(state: State, durations: Durations, task: Task, at: float) -> float:
@@ -79,7 +94,7 @@ def _is_running(mission: Mission) -> bool:
     return mission.state is MissionStatus.RUNNING and not mission.cancelling
 
 
-def _around(state: State, missions: Iterable[str]) -> list[Mission]:
+def _around(state: State, missions: Iterable[str], planned: Planned) -> list[Mission]:
     """Return running missions and those that want the same robots, as far as the horizon goes; most urgent first."""
     found: dict[str, Mission] = {}
     todo = deque(m for m in missions if m in state.missions)
@@ -89,11 +104,11 @@ def _around(state: State, missions: Iterable[str]) -> list[Mission]:
         if mission.mission_id not in found and _is_running(mission):
             found[mission.mission_id] = mission
             size += mission.open_tasks
-            todo += _rivals(state, mission)
+            todo += _rivals(state, mission, planned)
     return sorted(found.values(), key=lambda m: (m.urgency, m.number))
 
 
-def _rivals(state: State, mission: Mission) -> dict[str, None]:
+def _rivals(state: State, mission: Mission, planned: Planned) -> dict[str, None]:
     """Return the missions at the front of the queues for a mission's robots, and those that have them now."""
     robots = {*mission.named, *(r for team in mission.bound.values() for r in team)}
     open_types = {t for s in mission.selectors if s.name not in mission.bound for t in (s.types or ("",))}
@@ -105,6 +120,8 @@ def _rivals(state: State, mission: Mission) -> dict[str, None]:
         for name in sorted(names):
             queue = index.get(name)
             rivals |= dict.fromkeys(m for m, _ in (queue.first(NEIGHBOURS) if queue else ()))
+    for name in sorted(robots):
+        rivals |= dict.fromkeys(m for m, _ in planned.get(name, ()))
     return rivals
 
 
