@@ -25,6 +25,7 @@ from .pointer.scene import Scene, SceneKind
 from .pointer.search import Found, StoppedError, search
 from .refusals import explained
 from .robot_order import one_thing_at_a_time
+from .second_look import ranked
 from .short_names import SiteNames, said_in_words
 
 THREADS = 2
@@ -72,6 +73,7 @@ class EmbeddedModel:
         reading = self._reader.read(said_in_words(request.text, names), scene)
         memory = self._network.read(reading, scene)
         found = search(self._network, memory, scene, most=request.max_tokens, stop=stop)
+        found = ranked(found, request.text, names)
         return _Answers(found, len(reading.ids), max((f.choices for f in found), default=request.max_tokens))
 
 
