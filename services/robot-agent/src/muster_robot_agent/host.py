@@ -11,6 +11,7 @@ import resource
 import sys
 import time
 from collections.abc import AsyncGenerator, Sequence
+from pathlib import Path
 from typing import Any, Literal, NoReturn
 
 from muster_bus import Bus
@@ -58,8 +59,7 @@ async def serve(
         drivers = await stack.enter_async_context(_drivers(bus, settings, site, robots, driver))
         agents: list[RobotAgent] = []
         for robot_id in robots:
-            journal = stack.enter_context(Journal(settings.data_dir, robot_id))
-            journal.prune(time.time())
+            journal = await stack.enter_async_context(_open_journal(settings.data_dir, robot_id))
             agents.append(RobotAgent(bus, view, robot_id, drivers[robot_id], journal, history))
         yields = [await stack.enter_async_context(sole(bus, Identity("robot", r))) for r in robots[1:]]
         work = [asyncio.create_task(a.run()) for a in agents]
@@ -67,6 +67,16 @@ async def serve(
         ends = [asyncio.create_task(event.wait()) for event in (stop, *yields)]
         await asyncio.wait([*work, *ends], return_when=asyncio.FIRST_COMPLETED)
         await _cancelled([*work, *ends])
+
+
+@contextlib.asynccontextmanager
+async def _open_journal(folder: Path, robot_id: str) -> AsyncGenerator[Journal]:
+    """Open a journal and close it at the end; opening or closing hundreds in a row must not hold up the loop."""
+    with Journal(folder, robot_id) as journal:
+        journal.prune(time.time())
+        await asyncio.sleep(0)
+        yield journal
+    await asyncio.sleep(0)
 
 
 async def _cancelled(tasks: "Sequence[asyncio.Task[Any]]") -> None:
