@@ -13,7 +13,7 @@ RUN ?= run
 MINUTES ?= 90
 MEMBERS := schemas bus cli $(SERVICES:%=services/%)
 
-.PHONY: help install demo up down test lint format schemas bench evaluation requirements train-planner train-vision clean
+.PHONY: help install demo up down test test-long lint format schemas bench evaluation requirements train-planner train-vision clean
 
 help: ## list these targets
 	@sed -nE 's/^([a-z-]+):[^#]*## (.*)/  \1|\2/p' $(MAKEFILE_LIST) | column -t -s '|'
@@ -46,6 +46,10 @@ down: ## stop the site
 
 test: lint ## run all checks and tests (pytest's own options in ARGS)
 	@$(BIN)/python -m pytest $(ARGS)
+
+# About an hour on two quiet cores: 5,000 seeds (15 min), every place of the crash sweep and pairs (45 min).
+test-long: install ## run the long forms of the proofs as well: thousands of seeds, a kill at every place (about an hour)
+	@$(BIN)/python -m pytest -m long $(ARGS)
 
 lint: install ## check form, types, and that generated files are what they should be
 	@$(BIN)/ruff check .

@@ -1,6 +1,7 @@
 """The journal: what survives a crash at any point."""
 
 import json
+import resource
 import signal
 import sqlite3
 import subprocess
@@ -8,7 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from muster_robot_agent.core import Attempt, Core, Say
+from muster_robot_agent.core import Attempt, Begin, Core, Save, Say
 from muster_robot_agent.journal import KEEP_ACKED_S, Journal, JournalError
 from muster_robot_agent.testing import request
 from muster_schemas.ids import InvalidIdError
@@ -89,6 +90,25 @@ def test_a_journal_that_cannot_be_written_says_so(tmp_path: Path) -> None:
         other.execute("ROLLBACK")
         other.close()
         assert journal.attempts() == []
+
+
+def test_a_full_disk_takes_nothing_of_a_start_and_the_machine_stays_where_it_is(tmp_path: Path) -> None:
+    """The commit stands before the motion, so its error comes first; with room again the same start is a new one."""
+    start = request(ROBOT, "excavator_digging")
+    with Journal(tmp_path, ROBOT) as journal:
+        core = Core(ROBOT, start.boot_id, [start.skill], attempts=journal.attempts(), epoch=journal.epoch())
+        limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1024, limits[1]))
+        first = core.request(start, 1.0)[0]
+        assert isinstance(first, Save)
+        try:
+            with pytest.raises(JournalError, match="cannot write"):
+                journal.save(first.attempt, first.epoch)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    with Journal(tmp_path, ROBOT) as journal:
+        again = Core(ROBOT, start.boot_id, [start.skill], attempts=journal.attempts(), epoch=journal.epoch())
+        assert any(isinstance(e, Begin) for e in again.request(start, 1.0))
 
 
 @pytest.mark.parametrize("effects", range(5))
