@@ -16,8 +16,7 @@ from muster_robot_agent.core import Attempt, Begin
 from muster_robot_agent.core import Core as AgentCore
 from muster_robot_agent.core import Effect as AgentEffect
 from muster_robot_agent.journal import Journal as AgentJournal
-from muster_scheduler.core import attempts, outcomes, presence, readiness, requests
-from muster_scheduler.core.core import Core
+from muster_scheduler.core import attempts, outcomes
 from muster_scheduler.core.effects import Acknowledge, Effect
 from muster_scheduler.core.state import Run, State, Task
 from muster_scheduler.core.turn import Turn
@@ -213,19 +212,6 @@ def _scheduler_takes_one_dependency_for_all(patch: Patch) -> None:
 
 
 @_mutant
-def _scheduler_asks_nobody_after_a_restart(patch: Patch) -> None:
-    """Come back and wait for words that may have been lost."""
-    started = presence.started
-
-    def silent(turn: Turn, event: Any) -> None:
-        with pytest.MonkeyPatch.context() as inner:
-            inner.setattr(requests, "sync", readiness.set_waiting)
-            started(turn, event)
-
-    patch.setattr(presence, "started", silent)
-
-
-@_mutant
 def _scheduler_promises_a_stop(patch: Patch) -> None:
     """Say that a robot stopped as soon as it is asked to."""
     last_word = outcomes.last_word
@@ -239,11 +225,11 @@ def _scheduler_promises_a_stop(patch: Patch) -> None:
 @_mutant
 def _scheduler_knows_what_its_journal_does_not(patch: Patch) -> None:
     """Change the state without an event."""
-    handle = Core.handle
+    handle = Engine._handle
 
-    def leaky(core: Core, event: Any) -> list[Effect]:
-        if core.state.rules.revision > 0:
-            core.state.policy = core.state.policy.model_copy(update={"refusals": core.state.epoch + 2})
-        return handle(core, event)
+    def leaky(engine: Any, event: Any) -> tuple[list[Any], list[Effect]]:
+        done = handle(engine, event)
+        engine.core.state.objects.add("ghost")
+        return done
 
-    patch.setattr(Core, "handle", leaky)
+    patch.setattr(Engine, "_handle", leaky)

@@ -91,6 +91,11 @@ def virtual_time(seed: int) -> Generator[tuple[VirtualLoop, Troubles]]:
     def token(size: int | None = None) -> str:
         return ids.randbytes(size or 16).hex()
 
+    def uncaught(_loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        if not isinstance(context.get("exception"), Killed):
+            troubles.entries.append({"event": "uncaught", **{k: repr(v) for k, v in context.items()}})
+
+    loop.set_exception_handler(uncaught)
     before = structlog.get_config()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(time, "time", wall)
