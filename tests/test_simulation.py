@@ -1,4 +1,4 @@
-"""The scheduling site in simulated trouble: hundreds of seeds in the short form, thousands in the long one.
+"""The scheduling site in simulated trouble: some seeds in the short form, thousands in the long one.
 
 A failing seed prints the shortest script and history that still fail; `python -m tests.simulation SEED` runs it again.
 """
@@ -18,7 +18,7 @@ from tests.simulation.run import run, shortest
 from tests.simulation.script import draw
 
 ROOT = Path(__file__).parents[1]
-SHORT = 200
+SHORT = 40
 LONG = 5000
 SHARE = 40
 """Seeds in one test."""
