@@ -9,10 +9,11 @@ import pytest
 from muster_bus.testing import RouterProcess, running_bus
 from muster_scheduler.core.errors import NotPossibleError
 from muster_scheduler.core.events import MissionSubmitted, Policy, SelectorBound
-from muster_scheduler.engine import Engine, Wish, replay
+from muster_scheduler.engine import Engine, Wish
 from muster_scheduler.journal import Journal, JournalUnavailableError
 from muster_scheduler.outbox import Outbox
 from muster_scheduler.policy.world import World
+from muster_scheduler.recovery import replay
 from muster_scheduler.sightings import Sightings
 from muster_scheduler.testing import planned, yard_file
 from muster_schemas.site import load_site

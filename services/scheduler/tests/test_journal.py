@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 from muster_scheduler.core.events import AnyEvent, RobotOffline, SelectorBound, Started, Tick
-from muster_scheduler.engine import replay
 from muster_scheduler.journal import Journal, JournalCorruptError, JournalError, JournalUnavailableError
+from muster_scheduler.recovery import replay
 from muster_scheduler.testing import Yard, planned
 
 EVENTS: list[AnyEvent] = [
@@ -117,6 +117,7 @@ def test_a_batch_that_the_disk_does_not_take_leaves_nothing(tmp_path: Path) -> N
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     journal.probe()
     journal.append(EVENTS[1:])
+    journal.begin()
     assert list(journal.events()) == EVENTS
     journal.close()
 

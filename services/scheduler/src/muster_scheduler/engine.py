@@ -17,11 +17,11 @@ from .core.core import Core
 from .core.effects import Effect
 from .core.errors import NotPossibleError
 from .core.events import AnyEvent, Policy, Started, StatusReceived, StopObeyed, Tick
-from .core.transitions import InvalidTransition
 from .journal import Journal, JournalUnavailableError
 from .outbox import Outbox
 from .policy.assignment import Assignment
 from .policy.decide import advance
+from .recovery import replay
 from .sightings import Sightings
 
 _log = structlog.stdlib.get_logger(__name__)
@@ -150,19 +150,3 @@ class Engine:
     def _refuse(wishes: Sequence[Wish], error: Exception) -> None:
         for wish in wishes:
             wish.done.set_exception(error)
-
-
-def replay(journal: Journal) -> Core:
-    """Return the core as its journal left it.
-
-    Raises:
-        JournalCorruptError: the journal cannot be read, or tells what cannot have happened.
-
-    """
-    core = Core()
-    for seq, event in enumerate(journal.events(), 1):
-        try:
-            core.handle(event)
-        except (InvalidTransition, NotPossibleError, KeyError, ValueError) as error:
-            raise journal.corrupt(f"event {seq} ({event.kind}) cannot have happened: {error}") from error
-    return core

@@ -27,6 +27,7 @@ from .core.effects import (
     PublishAreas,
     PublishMission,
     PublishTask,
+    RetractMission,
     RetractTask,
     Send,
     SendStop,
@@ -38,7 +39,7 @@ VALID_S: Final = 10.0
 
 
 _ToRobot = Send | Hush | SendStop | HushStop
-_ToAll = Acknowledge | PublishTask | PublishMission | RetractTask | LookFor
+_ToAll = Acknowledge | PublishTask | PublishMission | RetractTask | RetractMission | LookFor
 
 
 @dataclass(slots=True)
@@ -81,6 +82,8 @@ class Outbox:
                     told["task", effect.mission_id, effect.task_id] = effect
                 case PublishMission(mission=mission):
                     told["mission", mission.mission_id] = effect
+                case RetractMission():
+                    told["mission", effect.mission_id] = effect
                 case LookFor():
                     told["look", *effect.objects] = effect
                 case _:
@@ -132,5 +135,7 @@ class Outbox:
                 self._bus.publish(MISSION_STATE, state, mission_id=state.mission_id)
             case RetractTask():
                 self._bus.retract(TASK_STATE, mission_id=effect.mission_id, task_id=effect.task_id)
+            case RetractMission():
+                self._bus.retract(MISSION_STATE, mission_id=effect.mission_id)
             case LookFor():
                 self.look_for(effect.objects)

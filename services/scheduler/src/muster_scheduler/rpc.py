@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import heapq
 import time
-from collections.abc import AsyncGenerator, Awaitable, Callable, Iterable, Sequence
+from collections.abc import AsyncGenerator, Awaitable, Callable, Generator, Iterable, Iterator, Sequence
 from itertools import islice
 from typing import Final
 
@@ -32,12 +32,12 @@ from .core import stops
 from .core.core import Core
 from .core.errors import NotPossibleError
 from .core.events import AnyEvent, MissionControlled, MissionSubmitted, StopOrdered
-from .core.missions import changes_nothing, is_possible
+from .core.missions import changes_nothing, is_possible, is_so_already
 from .core.outcomes import NO_WORD
 from .core.state import Mission, Presence, State
 from .core.views import mission_state, mission_view
 from .engine import Engine
-from .journal import JournalUnavailableError
+from .journal import Journal, JournalCorruptError, JournalUnavailableError
 from .outbox import Outbox
 
 LOOK_FOR_S: Final = 3.0
@@ -55,10 +55,11 @@ Do = Callable[[Callable[[float], AnyEvent]], Awaitable[None]]
 class Desk:
     """Answers the scheduler's queries."""
 
-    def __init__(self, engine: Engine, do: Do, outbox: Outbox) -> None:
+    def __init__(self, engine: Engine, do: Do, outbox: Outbox, journal: Journal) -> None:
         self._engine = engine
         self._do = do
         self._outbox = outbox
+        self._journal = journal
         self._opened_at = time.monotonic()
 
     @contextlib.asynccontextmanager
@@ -80,6 +81,9 @@ class Desk:
             return _reply(known)
         if request.plan is not None:
             await self._pass_gate(request.plan)
+            known = self._by_key(request)
+            if known is not None:  # the same request came twice, and the other one was first
+                return _reply(known)
         mission_id = new_id("m")
         try:
             await self._happen(
@@ -103,6 +107,12 @@ class Desk:
     async def control(self, request: ControlMission) -> ControlReply:
         """Act on a mission."""
         state = self._state
+        archived = self._archived(mission_id=request.mission_id)
+        if archived is not None:
+            if not is_so_already(archived, request):
+                said = f"mission {archived.mission_id} is {archived.state}: {request.action} is not possible now"
+                raise Refusal.because(ErrorCode.CONFLICT, said)
+            return _reply(archived)
         if not changes_nothing(state, request):
             mission = state.missions.get(request.mission_id)
             if request.action is MissionAction.SET_PLAN:
@@ -126,13 +136,17 @@ class Desk:
         """Return one mission or the newest ones."""
         state = self._state
         if query.mission_id is not None:
-            mission = state.missions.get(query.mission_id)
+            mission = state.missions.get(query.mission_id) or self._archived(mission_id=query.mission_id)
             if mission is None:
                 raise Refusal.because(ErrorCode.NOT_FOUND, f"there is no mission {query.mission_id}")
             return MissionsReply(missions=(mission_view(mission),))
         views: list[MissionView] = []
         told = 0
-        for mission in _newest_first(state, query.states, query.limit):
+        found = _newest_first(state, query.states, query.limit)
+        with _readable():
+            old = self._journal.archived_newest(query.states, query.limit)
+        newest = heapq.merge(found, old, key=lambda m: m.number, reverse=True)
+        for mission in islice(_each_once(newest), query.limit):
             told += len(mission.tasks)
             brief = told > LISTED_TASKS
             views.append(MissionView(mission=mission_state(mission)) if brief else mission_view(mission))
@@ -147,8 +161,18 @@ class Desk:
         return self._engine.core.state
 
     def _by_key(self, request: SubmitMission) -> Mission | None:
-        mission_id = self._state.by_idempotency_key.get(request.idempotency_key or "")
-        return self._state.missions[mission_id] if mission_id else None
+        if request.idempotency_key is None:
+            return None
+        mission_id = self._state.by_idempotency_key.get(request.idempotency_key)
+        if mission_id is not None:
+            return self._state.missions[mission_id]
+        return self._archived(idempotency_key=request.idempotency_key)
+
+    def _archived(self, *, mission_id: str | None = None, idempotency_key: str | None = None) -> Mission | None:
+        if mission_id in self._state.missions:
+            return None
+        with _readable():
+            return self._journal.archived(mission_id=mission_id, idempotency_key=idempotency_key)
 
     async def _happen(self, make: Callable[[float], AnyEvent]) -> None:
         try:
@@ -203,6 +227,23 @@ def known_objects(state: State) -> set[str]:
 
 def _reply(mission: Mission) -> ControlReply:
     return ControlReply(mission_id=mission.mission_id, state=mission.state, robots=dict(mission.stopping))
+
+
+@contextlib.contextmanager
+def _readable() -> Generator[None]:
+    try:
+        yield
+    except JournalCorruptError as error:
+        raise Refusal.because(ErrorCode.UNAVAILABLE, f"an old mission cannot be read: {error}"[:2000]) from error
+
+
+def _each_once(missions: Iterable[Mission]) -> Iterator[Mission]:
+    """Yield missions that come in order of their numbers; one that is just being archived comes twice."""
+    last = None
+    for mission in missions:
+        if mission.number != last:
+            yield mission
+        last = mission.number
 
 
 def _newest_first(state: State, states: Sequence[MissionStatus], limit: int) -> Iterable[Mission]:

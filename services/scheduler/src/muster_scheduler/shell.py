@@ -25,6 +25,7 @@ from muster_schemas.world import MapObject
 from .core.core import Core
 from .core.events import AnyEvent, Policy, StatusReceived, StopObeyed
 from .engine import Engine, Wish
+from .housekeeping import Housekeeping, MakeSnapshot
 from .journal import Journal
 from .outbox import Outbox
 from .policy.world import World
@@ -44,11 +45,13 @@ _log = structlog.stdlib.get_logger(__name__)
 class Shell:
     """One running scheduler."""
 
-    def __init__(self, bus: Bus, site: Site, core: Core, journal: Journal) -> None:
+    def __init__(self, bus: Bus, site: Site, core: Core, journal: Journal, make_snapshot: MakeSnapshot) -> None:
         self._bus = bus
         self._sightings = Sightings(World(bounds=site.bounds), time.monotonic())
         self._outbox = Outbox(bus)
         self._engine = Engine(core, journal, self._outbox, self._sightings)
+        self._journal = journal
+        self._housekeeping = Housekeeping(self._engine, journal, make_snapshot)
         self._site = site
         self._waiting: list[Wish] = []
         self._turn_is_due = False
@@ -59,7 +62,7 @@ class Shell:
     async def run(self, stop: asyncio.Event, policy: Policy) -> None:
         """Resume every mission and work until asked to stop."""
         self._engine.start(self._site.skills, policy)
-        desk = Desk(self._engine, self.do, self._outbox)
+        desk = Desk(self._engine, self.do, self._outbox, self._journal)
         async with asyncio.TaskGroup() as group, desk.serve(self._bus):
             readers = [
                 group.create_task(self._read(OBJECT, self._on_object), name="objects"),
@@ -68,6 +71,7 @@ class Shell:
                 group.create_task(self._read(SKILL_STATUS, self._on_status), name="statuses"),
                 group.create_task(self._read(ROBOT_STOP_STATUS, self._on_stopped), name="stops"),
                 group.create_task(self._watch(), name="robots alive"),
+                group.create_task(self._housekeeping.run(), name="housekeeping"),
             ]
             readers.append(group.create_task(self._keep_time(), name="time"))
             stopping = group.create_task(stop.wait(), name="stop")

@@ -252,9 +252,9 @@ class Yard:
         return mission.state is MissionStatus.SUCCEEDED
 
 
-def replayed(events: Iterable[AnyEvent]) -> Core:
-    """Return a core that has lived through events without anyone deciding anything."""
-    core = Core()
+def replayed(events: Iterable[AnyEvent], core: Core | None = None) -> Core:
+    """Return a core, by default a new one, that has lived through events without anyone deciding anything."""
+    core = core or Core()
     for event in events:
         core.handle(event)
     return core

@@ -3,8 +3,11 @@
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
-from muster_scheduler.core.events import EVENT, Started
+from muster_scheduler.core.archive import archivable
+from muster_scheduler.core.core import Core
+from muster_scheduler.core.events import EVENT, MissionsArchived, Started
 from muster_scheduler.core.invariants import validate
+from muster_scheduler.core.memory import dump, load
 from muster_scheduler.core.missions import is_possible
 from muster_scheduler.core.state import Mission, Task
 from muster_scheduler.testing import Yard, planned, replayed, yard_file
@@ -78,13 +81,13 @@ class WholeCore(RuleBasedStateMachine):
     @rule(plan=plans(), priority=st.integers(0, 9), ask=st.booleans())
     def submit(self, plan: tuple[PlanTask, ...], priority: int, *, ask: bool) -> None:
         """Someone submits a mission."""
-        if len(self.missions) < 6:
+        if self.yard.core.state.submitted < 6:
             self.missions.append(self.yard.submit(*plan, priority=priority, ask=ask))
 
     @rule()
     def submit_without_a_plan(self) -> None:
         """Someone submits a mission that still has to be planned."""
-        if len(self.missions) < 6:
+        if self.yard.core.state.submitted < 6:
             self.missions.append(self.yard.submit())
 
     @precondition(lambda self: self.missions)
@@ -122,8 +125,8 @@ class WholeCore(RuleBasedStateMachine):
         if going and kind not in (SkillStatusKind.REFUSED, SkillStatusKind.UNKNOWN, SkillStatusKind.ACCEPTED):
             robot_id, ref = going[index % len(going)]
             task = self.yard.core.state.task((ref.mission_id, ref.task_id))
-            assert task is not None
-            self._say(robot_id, ref, task.skill.name, kind, progress)
+            if task is not None:  # else its mission is in the archive
+                self._say(robot_id, ref, task.skill.name, kind, progress)
 
     def _say(self, robot_id: str, ref: TaskRef, skill: str, kind: SkillStatusKind, progress: float) -> None:
         self.begun[robot_id, ref] = kind
@@ -194,12 +197,22 @@ class WholeCore(RuleBasedStateMachine):
         """Deadlines come."""
         self.yard.wait(seconds)
 
-    @rule()
-    def the_scheduler_restarts(self) -> None:
-        """Bring it back from its journal, as it was, and begin a new epoch."""
+    @rule(keep=st.integers(0, 2))
+    def old_missions_are_archived(self, keep: int) -> None:
+        """Let ended missions leave the state."""
+        old = [m.mission_id for m in archivable(self.yard.core.state, keep)]
+        if old:
+            self.yard.happen(MissionsArchived(at=self.yard.now, mission_ids=tuple(old)))
+            self.missions = [m for m in self.missions if m.mission_id not in old]
+
+    @rule(index=indexes)
+    def the_scheduler_restarts(self, index: int) -> None:
+        """Bring it back from its journal, whole or from any snapshot on, as it was, and begin a new epoch."""
         events = [EVENT.validate_json(e.to_json()) for e in self.yard.events]
-        again = replayed(events)
-        assert again.state == self.yard.core.state
+        since = index % (len(events) + 1)
+        again = replayed(events[since:], Core(load(dump(replayed(events[:since]).state))))
+        assert replayed(events).state == again.state == self.yard.core.state
+        assert again.state.timers == self.yard.core.state.timers
         self.yard.core = again
         self.missions = list(again.state.missions.values())
         self.yard.happen(Started(at=self.yard.now, epoch=again.state.epoch + 1))

@@ -2,11 +2,13 @@
 
 from muster_schemas.mission import TaskStatus
 
-from . import attempts, missions, outcomes, presence, readiness, stops
+from . import archive, attempts, missions, outcomes, presence, readiness, stops
 from .effects import Effect
+from .errors import NotPossibleError
 from .events import (
     AnyEvent,
     MissionControlled,
+    MissionsArchived,
     MissionSubmitted,
     ObjectsChanged,
     RobotOffline,
@@ -31,8 +33,8 @@ from .turn import Turn
 class Core:
     """The state and what events do to it. Pure: the same events always give the same state and the same effects."""
 
-    def __init__(self) -> None:
-        self.state = State()
+    def __init__(self, state: State | None = None) -> None:
+        self.state = state or State()
 
     def handle(self, event: AnyEvent) -> list[Effect]:
         """Change the state by one event and return what is to be done about it.
@@ -46,7 +48,7 @@ class Core:
         turn = Turn(self.state, event.at)
         try:
             self._apply(turn, event)
-        except missions.NotPossibleError:
+        except NotPossibleError:
             self.state.now = before  # nothing has changed, not even the time: this event will not be in the journal
             raise
         return turn.end()
@@ -63,6 +65,8 @@ class Core:
                 missions.submit(turn, event)
             case MissionControlled():
                 missions.control(turn, event.control)
+            case MissionsArchived():
+                archive.forget(turn, event)
             case Tick():
                 presence.tick(turn)
             case SelectorBound():

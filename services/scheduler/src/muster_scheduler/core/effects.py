@@ -86,6 +86,13 @@ class RetractTask(Message):
     task_id: Id
 
 
+class RetractMission(Message):
+    """The mission has ended long ago and is not told of on the bus any more."""
+
+    kind: Literal["retract_mission"] = "retract_mission"
+    mission_id: Id
+
+
 class PublishAreas(Message):
     """The area rules changed."""
 
@@ -109,6 +116,7 @@ Effect = (
     | PublishMission
     | PublishTask
     | RetractTask
+    | RetractMission
     | PublishAreas
     | LookFor
 )

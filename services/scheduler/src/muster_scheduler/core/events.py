@@ -68,6 +68,13 @@ class MissionControlled(Event):
     control: ControlMission
 
 
+class MissionsArchived(Event):
+    """Missions that ended long ago leave the state; the store has them by now."""
+
+    kind: Literal["missions_archived"] = "missions_archived"
+    mission_ids: Annotated[tuple[Id, ...], Field(min_length=1)]
+
+
 class RobotOnline(Event):
     """A robot's agent is there, perhaps in a new life."""
 
@@ -190,6 +197,7 @@ AnyEvent = Annotated[
     Started
     | MissionSubmitted
     | MissionControlled
+    | MissionsArchived
     | RobotOnline
     | RobotOffline
     | RulesObeyed

@@ -30,12 +30,14 @@ def submit(turn: Turn, event: MissionSubmitted) -> None:
         state.by_idempotency_key[event.idempotency_key] = event.mission_id
     mission = Mission(
         mission_id=event.mission_id,
-        number=len(state.missions),
+        number=state.submitted,
         text=event.text,
         priority=event.priority,
         approval=event.approval,
         created_at=turn.now,
+        idempotency_key=event.idempotency_key,
     )
+    state.submitted += 1
     state.missions[mission.mission_id] = mission
     state.by_state[mission.state][mission.mission_id] = None
     turn.touch_mission(mission)
@@ -76,8 +78,11 @@ def is_possible(mission: Mission, action: MissionAction) -> bool:
 def changes_nothing(state: State, control: ControlMission) -> bool:
     """Return whether the mission is already what the action would make it."""
     mission = state.missions.get(control.mission_id)
-    if mission is None:
-        return False
+    return mission is not None and is_so_already(mission, control)
+
+
+def is_so_already(mission: Mission, control: ControlMission) -> bool:
+    """Return whether this mission is already what the action would make it."""
     if control.action is MissionAction.CANCEL and mission.cancelling:
         return True
     if control.action is MissionAction.SET_PLAN:

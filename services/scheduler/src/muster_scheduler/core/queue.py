@@ -3,6 +3,9 @@
 import heapq
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import Annotated
+
+from pydantic import BeforeValidator, Field
 
 Order = tuple[float, int, int]
 """(urgency of the mission, most urgent lowest; mission by age; task in plan order): one order over all tasks.
@@ -10,16 +13,28 @@ Order = tuple[float, int, int]
 It never changes while a task waits: see `Mission.urgency`.
 """
 
-TaskKey = tuple[str, str]
-"""(mission id, task id)."""
+
+def _from_json_key(key: object) -> object:
+    return tuple(key.split(",")) if isinstance(key, str) else key
+
+
+TaskKey = Annotated[tuple[str, str], BeforeValidator(_from_json_key)]
+"""(mission id, task id). As a key in a snapshot's JSON it stands as "mission,task": ids have no commas."""
 
 
 @dataclass(slots=True)
 class WaitQueue:
     """A heap with late removal, so that joining, leaving and looking at the front cost O(log n)."""
 
-    heap: list[tuple[Order, TaskKey]] = field(default_factory=list[tuple[Order, TaskKey]], compare=False)
+    heap: Annotated[list[tuple[Order, TaskKey]], Field(exclude=True)] = field(
+        default_factory=list[tuple[Order, TaskKey]], compare=False
+    )
     waiting: dict[TaskKey, Order] = field(default_factory=dict[TaskKey, Order])
+
+    def __post_init__(self) -> None:
+        if len(self.heap) < len(self.waiting):  # fresh from a snapshot
+            self.heap = [(order, key) for key, order in self.waiting.items()]
+            heapq.heapify(self.heap)
 
     def add(self, order: Order, key: TaskKey) -> None:
         """Join; joining twice is joining once."""

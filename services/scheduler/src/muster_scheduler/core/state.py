@@ -6,6 +6,7 @@ What is marked `compare=False` is an index or a hint that can be rebuilt; the re
 from collections import deque
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Annotated
 
 from muster_schemas.mission import Approval, MissionStatus, Reason, TaskStatus
 from muster_schemas.plan import PlanTask
@@ -16,13 +17,15 @@ from muster_schemas.robot import (
     TargetObject,
     TaskRef,
 )
-from muster_schemas.skills import PAPER_CATALOGUE, Catalogue, Skill
+from muster_schemas.skills import PAPER_CATALOGUE
 from muster_schemas.world import AreaRules
+from pydantic import ConfigDict, Field
 
 from .events import Order as RobotOrder
 from .events import Policy
 from .graph import TaskGraph
 from .queue import Order, TaskKey, WaitQueue
+from .stored import StoredCatalogue, StoredSkill
 
 RULE_VERBS = frozenset({"avoid", "allow"})
 """Skills that change area rules: they take no time of the robot's own, so they run beside what it does."""
@@ -86,7 +89,7 @@ class Task:
     task_id: str
     order: Order
     name: str
-    skill: Skill
+    skill: StoredSkill
     named: tuple[str, ...]
     selector: Selector | None
     objects: tuple[str, ...]
@@ -121,6 +124,10 @@ class Task:
     started_at: float | None = None
     ended_at: float | None = None
     story: deque[str] = field(default_factory=lambda: deque(maxlen=STORY_LENGTH))
+
+    def __post_init__(self) -> None:
+        if self.story.maxlen is None:  # fresh from a snapshot
+            self.story = deque(self.story, maxlen=STORY_LENGTH)
 
     @property
     def key(self) -> TaskKey:
@@ -162,6 +169,8 @@ class Task:
 class Mission:
     """What one instruction became."""
 
+    __pydantic_config__ = ConfigDict(arbitrary_types_allowed=True)  # the graph, which is rebuilt
+
     mission_id: str
     number: int
     """Missions are numbered as they come."""
@@ -182,6 +191,7 @@ class Mission:
     cancelling: bool = False
     stopping: dict[str, str] = field(default_factory=dict[str, str])
     """After a cancel: per robot, what is known."""
+    idempotency_key: str | None = None
     revision: int = 0
     started_at: float | None = None
     ended_at: float | None = None
@@ -191,7 +201,7 @@ class Mission:
     So whoever waits becomes more urgent than ever more of those that come later, and no order among those that are
     there ever changes: nothing has to be sorted anew as time passes, and a replay needs no clock.
     """
-    graph: TaskGraph = field(default_factory=lambda: TaskGraph({}), compare=False)
+    graph: Annotated[TaskGraph, Field(exclude=True)] = field(default_factory=lambda: TaskGraph({}), compare=False)
     named: frozenset[str] = frozenset()
     """Robots that the plan names."""
     selectors: frozenset[Selector] = frozenset()
@@ -272,8 +282,11 @@ class State:
     now: float = 0.0
     epoch: int = 0
     policy: Policy = field(default_factory=Policy)
-    catalogue: Catalogue = field(default=PAPER_CATALOGUE, compare=False)
+    catalogue: StoredCatalogue = field(default=PAPER_CATALOGUE, compare=False)
+    submitted: int = 0
+    """Missions ever."""
     missions: dict[str, Mission] = field(default_factory=dict[str, Mission])
+    """Those that have not ended, and the newest that have; older ones are in the store's archive."""
     by_state: dict[MissionStatus, dict[str, None]] = field(default_factory=lambda: {s: {} for s in MissionStatus})
     by_idempotency_key: dict[str, str] = field(default_factory=dict[str, str])
     robots: dict[str, Robot] = field(default_factory=dict[str, Robot])
@@ -291,7 +304,7 @@ class State:
     """Ready tasks whose selector is open, by type; under "" those that want the whole fleet."""
     timers: list[tuple[float, TaskKey]] = field(default_factory=list[tuple[float, TaskKey]], compare=False)
     """Heap of times at which a task may have to be looked at again."""
-    agenda: Agenda = field(default_factory=Agenda, compare=False)
+    agenda: Annotated[Agenda, Field(exclude=True)] = field(default_factory=Agenda, compare=False)
 
     def task(self, key: TaskKey) -> Task | None:
         """Return a task, or None if there is none such."""

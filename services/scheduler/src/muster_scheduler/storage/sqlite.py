@@ -1,4 +1,4 @@
-"""The journal in one SQLite file: WAL, and one fsync for each batch (`synchronous=FULL`)."""
+"""The journal in one SQLite file: WAL, and one fsync for each batch (`synchronous=FULL`); a witness lies beside it."""
 
 import contextlib
 import fcntl
@@ -18,6 +18,7 @@ from .port import (
     JournalUnavailableError,
     SnapshotRow,
 )
+from .witness import Witness, Witnessed
 
 FORMAT: Final = "2"
 READABLE: Final = ("1", FORMAT)
@@ -37,10 +38,14 @@ CREATE INDEX IF NOT EXISTS archive_keys ON archive (idempotency_key) WHERE idemp
 class SqliteStore:
     """One writer's hold on the file. Close it, or leave it to the end of the process."""
 
-    def __init__(self, connection: sqlite3.Connection, lock: int, path: Path) -> None:
+    def __init__(
+        self, connection: sqlite3.Connection, path: Path, lock: int | None = None, witness: Witness | None = None
+    ) -> None:
+        """Without a lock and a witness it is for reading only."""
         self._db = connection
-        self._lock = lock
         self._path = path
+        self._lock = lock
+        self._witness = witness
 
     @classmethod
     def open(cls, directory: Path, site: str) -> Self:
@@ -62,17 +67,36 @@ class SqliteStore:
         except OSError as error:
             os.close(lock)
             raise JournalError(f"another scheduler holds the journal in {directory}; stop it first") from error
-        connection: sqlite3.Connection | None = None
+        with contextlib.ExitStack() as undo:
+            undo.callback(os.close, lock)
+            try:
+                connection = sqlite3.connect(path, isolation_level=None)
+                undo.callback(connection.close)
+                _prepare(connection, path, site)
+                witness = Witness(directory / "journal.witness")
+            except sqlite3.Error as error:
+                raise _corrupt(path, str(error)) from error
+            except OSError as error:
+                raise JournalError(f"cannot write in {directory}: {error.strerror}") from error
+            undo.pop_all()
+        return cls(connection, path, lock, witness)
+
+    @classmethod
+    def read(cls, directory: Path, site: str) -> Self:
+        """Return the journal of a site, which another process may hold, for reading only.
+
+        Raises:
+            JournalError: there is none, or it is another site's.
+
+        """
+        path = directory / "journal.sqlite"
         try:
-            connection = sqlite3.connect(path, isolation_level=None)
-            _prepare(connection, path, site)
-        except JournalError:
-            _give_back(connection, lock)
-            raise
+            connection = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, isolation_level=None)
+            about = dict(connection.execute("SELECT name, value FROM about"))
         except sqlite3.Error as error:
-            _give_back(connection, lock)
-            raise _corrupt(path, str(error)) from error
-        return cls(connection, lock, path)
+            raise JournalError(f"cannot read {path}: {error}") from error
+        _check_about(about, path, site)
+        return cls(connection, path)
 
     @property
     def where(self) -> str:
@@ -82,14 +106,24 @@ class SqliteStore:
     def events(self, after: int) -> Iterator[EventRow]:
         """Yield the events that follow `after`, in order."""
         query = "SELECT seq, body, checksum FROM events WHERE seq > ? ORDER BY seq"
+        witnessed = self._witnessed()
+        last = after
         with self._reading():
             for seq, body, checksum in self._db.execute(query, (after,)):
                 yield EventRow(seq, body, checksum)
+                last = seq
+                if seq == witnessed.seq and checksum != witnessed.checksum:
+                    raise _lost(self._path, f"event {seq} is another than the one that was committed")
+        if last < witnessed.seq:
+            raise _lost(self._path, f"events {last + 1} to {witnessed.seq} were committed and are missing")
 
     def append(self, rows: Sequence[EventRow]) -> None:
         """Add events in one transaction."""
         with self._writing():
             self._db.executemany("INSERT INTO events (seq, body, checksum) VALUES (?, ?, ?)", rows)
+        if self._witness is not None and rows:
+            with contextlib.suppress(OSError):  # it then vouches for less
+                self._witness.write(rows[-1].seq, rows[-1].checksum)
 
     def snapshots(self) -> list[SnapshotRow]:
         """Return the snapshots, newest first."""
@@ -149,7 +183,19 @@ class SqliteStore:
 
     def close(self) -> None:
         """Let another process have it."""
-        _give_back(self._db, self._lock)
+        self._db.close()
+        if self._witness is not None:
+            self._witness.close()
+            self._witness = None
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
+
+    def _witnessed(self) -> Witnessed:
+        try:
+            return (self._witness and self._witness.read()) or Witnessed(0, 0)
+        except ValueError as error:
+            raise _lost(self._path, f"the witness beside it is damaged: {error}") from error
 
     @contextlib.contextmanager
     def _reading(self) -> Generator[None]:
@@ -180,24 +226,30 @@ def _prepare(db: sqlite3.Connection, path: Path, site: str) -> None:
     db.execute("CREATE TABLE IF NOT EXISTS about (name TEXT PRIMARY KEY, value TEXT NOT NULL) STRICT")
     db.executemany("INSERT OR IGNORE INTO about VALUES (?, ?)", [("format", FORMAT), ("site", site)])
     about = dict(db.execute("SELECT name, value FROM about"))
-    if about["format"] not in READABLE:
-        raise JournalError(f"{path} has format {about['format']}; this program reads formats up to {FORMAT}")
-    if about["site"] != site:
-        raise JournalError(f"{path} belongs to the site {about['site']}, not {site}; use another data directory")
+    _check_about(about, path, site)
     for statement in _TABLES.split(";"):
         db.execute(statement)
     db.execute("UPDATE about SET value = ? WHERE name = 'format'", (FORMAT,))
     db.execute("COMMIT")
 
 
+def _check_about(about: dict[str, str], path: Path, site: str) -> None:
+    if about.get("format") not in READABLE:
+        raise JournalError(f"{path} has format {about.get('format')}; this program reads formats up to {FORMAT}")
+    if about.get("site") != site:
+        raise JournalError(f"{path} belongs to the site {about.get('site')}, not {site}; use another data directory")
+
+
 def _corrupt(path: Path, what: str) -> JournalCorruptError:
     return JournalCorruptError(
         f"the journal {path} is damaged: {what}. Nothing was changed. Restore it from a backup, or move it away (with"
-        " its -wal and -shm files) to start empty; stop robots that still work on an old mission by hand then"
+        " its -wal, -shm and .witness files) to start empty; stop robots that still work on an old mission by hand then"
     )
 
 
-def _give_back(connection: sqlite3.Connection | None, lock: int) -> None:
-    if connection is not None:
-        connection.close()
-    os.close(lock)
+def _lost(path: Path, what: str) -> JournalCorruptError:
+    return JournalCorruptError(
+        f"the journal {path} is not whole: {what}. Nothing was changed. Put back its -wal file or a backup that has all"
+        f" events; or, to go on without them, stop every robot, delete {path.with_suffix('.witness')} and start again:"
+        " what robots did since then is not known to any mission"
+    )
