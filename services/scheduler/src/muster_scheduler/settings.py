@@ -13,6 +13,8 @@ class SchedulerSettings(ServiceSettings):
     @field_validator("database_url")
     @classmethod
     def _postgresql(cls, url: SecretStr | None) -> SecretStr | None:
+        if url is not None and not url.get_secret_value():
+            return None  # as compose.yaml leaves it
         if url is not None and not url.get_secret_value().startswith(("postgresql://", "postgres://")):
             raise ValueError("must begin with postgresql://; leave it out for SQLite in MUSTER_DATA_DIR")
         return url
