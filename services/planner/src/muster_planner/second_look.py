@@ -1,10 +1,11 @@
-"""A second look at the likeliest answers: do they use what the instruction names, and say nothing twice?
+"""A second look at the likeliest answers, which asks whether they use what the instruction names and say nothing twice.
 
 The search knows only probabilities. Numbers are the part of language that a program reads reliably, so an answer that
 leaves out a robot or thing which the text names by number must be much likelier than one that leaves out nothing.
 """
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 from .mentions import corrects_itself, numbers_of
 from .pointer.choices import Line, Writing
@@ -28,7 +29,7 @@ def _cost(writing: Writing, named: set[str]) -> float:
     if writing.refusal:
         return 0.0
     bodies = [(line.verb, line.robots, line.count, line.objects) for line in writing.lines]
-    twice = sum(a == b for a, b in zip(bodies, bodies[1:], strict=False))
+    twice = sum(a == b for a, b in pairwise(bodies))
     used = set[str]().union(*(_used(line, writing) for line in writing.lines))
     return LEFT_OUT * len(named - used) + TWICE * twice
 
