@@ -10,6 +10,9 @@ from .network import MOST_CHOICES, START, Floats, Memory, Network
 from .scene import Scene
 
 BEAMS = 4
+SURE = 0.7
+"""How likely it must be that an instruction is to be refused; a good one that is refused costs more than a bad plan,
+which the gate or a person may still stop."""
 
 
 class StoppedError(RuntimeError):
@@ -87,7 +90,7 @@ def search(
 
 
 def _refusal(scores: Floats, scene: Scene) -> Found | None:
-    """Return the refusal if refusing is likelier than to begin any plan.
+    """Return the refusal if refusing is much likelier than to begin any plan.
 
     This is settled before the search, in which a long plan's probability, a product of many, would lose against a
     refusal, which is a single choice.
@@ -96,7 +99,7 @@ def _refusal(scores: Floats, scene: Scene) -> Found | None:
     allowed = np.array(begun.allowed())
     likely = np.exp(_log_softmax(scores[allowed]))
     refusals = allowed < COUNT
-    if likely[refusals].sum() < 0.5:
+    if likely[refusals].sum() < SURE:
         return None
     best = int(np.where(refusals, likely, 0.0).argmax())
     return Found(begun.after(int(allowed[best])), float(np.log(likely[best])), 1)
