@@ -36,7 +36,7 @@ _out = Console()
 
 SiteFile = Annotated[Path | None, typer.Option("--site", help="The site's file; left out: MUSTER_SITE_FILE.")]
 MissionId = Annotated[str, typer.Argument(metavar="ID", help="The mission, as `muster missions` shows it.")]
-PLANNERS = "embedded or ollama:MODEL."
+PLANNERS = "embedded, ollama:MODEL, openai:MODEL or anthropic:MODEL."
 Planner = Annotated[str, typer.Option(help=PLANNERS, envvar="MUSTER_PLANNER")]
 Speed = Annotated[float, typer.Option(min=0.1, max=100, help="Simulated seconds in each second.")]
 

@@ -9,6 +9,8 @@ import jsonschema_rs
 import pytest
 from muster_bus.testing import free_port
 from muster_planner.adapters.ollama import open_ollama
+from muster_planner.adapters.remote import Access, RemoteModel
+from muster_planner.budget import Unlimited
 from muster_planner.errors import (
     AnswerError,
     ModelMissingError,
@@ -21,7 +23,8 @@ from muster_planner.errors import (
 from muster_planner.llm import Feedback, PlanDraft, PlanRequest
 from muster_planner.published import published_form
 from muster_planner.surroundings import Surroundings
-from muster_planner.testing import DRIVE, NOWHERE, YARD, OllamaServer, fails, ollama_server, says
+from muster_planner.testing import DRIVE, NOWHERE, YARD
+from muster_planner.testing_servers import ModelServer, fails, model_server, says
 from muster_schemas.mission import Reason
 from starlette.responses import PlainTextResponse, Response
 
@@ -30,19 +33,19 @@ PLAN = published_form(DRIVE)
 
 
 @pytest.fixture
-def server() -> Generator[OllamaServer]:
+def server() -> Generator[ModelServer]:
     """Provide an Ollama server."""
-    with ollama_server() as running:
+    with model_server() as running:
         yield running
 
 
-async def ask(server: OllamaServer, request: PlanRequest = REQUEST) -> PlanDraft:
+async def ask(server: ModelServer, request: PlanRequest = REQUEST) -> PlanDraft:
     """Ask the server's model once."""
-    async with open_ollama("llama3.1", host=server.url) as model:
-        return await model.plan(request)
+    async with open_ollama("llama3.1", Access(url=server.url)) as opened:
+        return await RemoteModel(opened, Unlimited()).plan(request)
 
 
-async def test_a_plan_in_the_published_form_becomes_a_draft(server: OllamaServer) -> None:
+async def test_a_plan_in_the_published_form_becomes_a_draft(server: ModelServer) -> None:
     """With its cost."""
     server.answers = [says(PLAN)]
     draft = await ask(server)
@@ -51,13 +54,13 @@ async def test_a_plan_in_the_published_form_becomes_a_draft(server: OllamaServer
     assert json.loads(draft.raw) == PLAN
 
 
-async def test_a_refusal_becomes_a_draft_without_a_plan(server: OllamaServer) -> None:
+async def test_a_refusal_becomes_a_draft_without_a_plan(server: ModelServer) -> None:
     """With the model's own words."""
     server.answers = [says({"refusal": "There is no crane."})]
     assert (await ask(server)).refusal == "There is no crane."
 
 
-async def test_the_request_is_deterministic_structured_and_large_enough(server: OllamaServer) -> None:
+async def test_the_request_is_deterministic_structured_and_large_enough(server: ModelServer) -> None:
     """Temperature 0, a JSON Schema, no stream, room for the prompt and the answer."""
     server.answers = [says(PLAN)]
     await ask(server)
@@ -70,7 +73,7 @@ async def test_the_request_is_deterministic_structured_and_large_enough(server: 
     assert sent["format"]["anyOf"]
 
 
-async def test_the_schema_takes_plans_and_refusals_of_this_site_only(server: OllamaServer) -> None:
+async def test_the_schema_takes_plans_and_refusals_of_this_site_only(server: ModelServer) -> None:
     """Robots, types and skills are closed lists; an object may be one that is yet to be found."""
     server.answers = [says(PLAN)]
     await ask(server)
@@ -83,7 +86,7 @@ async def test_the_schema_takes_plans_and_refusals_of_this_site_only(server: Oll
         assert not schema.is_valid(wrong), wrong
 
 
-async def test_the_prompt_names_what_is_here(server: OllamaServer) -> None:
+async def test_the_prompt_names_what_is_here(server: ModelServer) -> None:
     """Every robot, object and skill of the request, the instruction, and no other robot."""
     server.answers = [says(PLAN)]
     two = Surroundings(REQUEST.roster[:2], ("soil1",), REQUEST.catalogue, {})
@@ -97,7 +100,7 @@ async def test_the_prompt_names_what_is_here(server: OllamaServer) -> None:
     assert "puddle1" not in system
 
 
-async def test_a_repair_says_what_was_wrong(server: OllamaServer) -> None:
+async def test_a_repair_says_what_was_wrong(server: ModelServer) -> None:
     """The refused answer and the reasons follow the instruction."""
     server.answers = [says(PLAN)]
     reasons = (Reason(code="unknown_object", message="There is no 'puddle7'.", task="only"),)
@@ -115,7 +118,7 @@ async def test_a_repair_says_what_was_wrong(server: OllamaServer) -> None:
         (fails(404, "model 'llama3.1' not found"), ModelMissingError, "ollama pull llama3.1"),
         (fails(500, "model requires more system memory"), SetupError, "more system memory"),
         (fails(400, "invalid options"), SetupError, "invalid options"),
-        (says('{"tasks": [{"task": "dri', done_reason="length"), TruncatedAnswerError, "shorter"),
+        (says('{"tasks": [{"task": "dri', "cut"), TruncatedAnswerError, "shorter"),
         (says("Sure! Here is the plan."), UnusableAnswerError, "JSON"),
         (says({"tasks": [{"task": "a"}]}), UnusableAnswerError, "instruction_function"),
         (says(["go"]), UnusableAnswerError, "no plan"),
@@ -124,7 +127,7 @@ async def test_a_repair_says_what_was_wrong(server: OllamaServer) -> None:
     ],
 )
 async def test_each_failure_says_what_to_do(
-    server: OllamaServer, answer: Response, error: type[Exception], says_to: str
+    server: ModelServer, answer: Response, error: type[Exception], says_to: str
 ) -> None:
     """As an error of the port's own tree."""
     server.answers = [answer]
@@ -132,7 +135,7 @@ async def test_each_failure_says_what_to_do(
         await ask(server)
 
 
-async def test_what_an_unusable_answer_cost_is_kept(server: OllamaServer) -> None:
+async def test_what_an_unusable_answer_cost_is_kept(server: ModelServer) -> None:
     """Tokens count against the mission's cap, and the raw answer is there for the repair."""
     server.answers = [says("Sure!")]
     with pytest.raises(AnswerError) as caught:
@@ -140,7 +143,7 @@ async def test_what_an_unusable_answer_cost_is_kept(server: OllamaServer) -> Non
     assert (caught.value.raw, caught.value.tokens_in, caught.value.tokens_out) == ("Sure!", 321, 45)
 
 
-async def test_a_slow_answer_is_a_timeout(server: OllamaServer) -> None:
+async def test_a_slow_answer_is_a_timeout(server: ModelServer) -> None:
     """The call ends when the mission's time does, not when the server pleases."""
     asked = asyncio.Event()
 
@@ -156,9 +159,9 @@ async def test_a_slow_answer_is_a_timeout(server: OllamaServer) -> None:
 
 async def test_a_missing_server_is_said_so() -> None:
     """With how to start it."""
-    async with open_ollama("llama3.1", host=f"http://127.0.0.1:{free_port()}") as model:
+    async with open_ollama("llama3.1", Access(url=f"http://127.0.0.1:{free_port()}")) as opened:
         with pytest.raises(ServerMissingError, match="ollama serve"):
-            await model.plan(REQUEST)
+            await RemoteModel(opened, Unlimited()).plan(REQUEST)
 
 
 def _with(**fields: object) -> dict[str, Any]:

@@ -10,16 +10,8 @@ import httpx
 import pytest
 from muster_bus.testing import Process, RouterProcess, eventually, free_port, running_bus, service_process
 from muster_planner.published import published_form
-from muster_planner.testing import (
-    DRIVE,
-    Missions,
-    OllamaServer,
-    missions_side,
-    ollama_server,
-    says,
-    show_objects,
-    standing_robots,
-)
+from muster_planner.testing import DRIVE, Missions, missions_side, show_objects, standing_robots
+from muster_planner.testing_servers import ModelServer, model_server, says
 from muster_schemas.mission import MissionStatus
 from starlette.responses import Response
 
@@ -27,9 +19,9 @@ PLAN = published_form(DRIVE)
 
 
 @pytest.fixture
-def server() -> Generator[OllamaServer]:
+def server() -> Generator[ModelServer]:
     """Provide an Ollama server."""
-    with ollama_server() as running:
+    with model_server() as running:
         yield running
 
 
@@ -41,7 +33,7 @@ async def the_site(router: RouterProcess) -> AsyncGenerator[Missions]:
         yield missions
 
 
-def environment(server: OllamaServer, **more: str) -> dict[str, str]:
+def environment(server: ModelServer, **more: str) -> dict[str, str]:
     """Return a planner's environment."""
     return {"MUSTER_PLANNER": "ollama:llama3.1", "OLLAMA_HOST": server.url, "MUSTER_PORT": "0", **more}
 
@@ -52,7 +44,7 @@ async def client(process: Process) -> httpx.AsyncClient:
     return httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}", timeout=120)
 
 
-async def test_an_accepted_instruction_survives_kill_9(router: RouterProcess, server: OllamaServer) -> None:
+async def test_an_accepted_instruction_survives_kill_9(router: RouterProcess, server: ModelServer) -> None:
     """Killed while the model thinks, the next planner finds the mission and plans it; it is planned once."""
     thinking, go_on = threading.Event(), threading.Event()
 
@@ -78,7 +70,7 @@ async def test_an_accepted_instruction_survives_kill_9(router: RouterProcess, se
     assert missions.views[mission_id].plan == DRIVE
 
 
-async def test_it_stops_when_asked_also_with_listeners(router: RouterProcess, server: OllamaServer) -> None:
+async def test_it_stops_when_asked_also_with_listeners(router: RouterProcess, server: ModelServer) -> None:
     """SIGTERM ends it with 0 while an event stream is open and a model call is under way."""
     thinking, go_on = threading.Event(), threading.Event()
 
@@ -97,7 +89,7 @@ async def test_it_stops_when_asked_also_with_listeners(router: RouterProcess, se
     assert code == 0, process.output
 
 
-async def test_it_waits_for_a_scheduler(router: RouterProcess, server: OllamaServer) -> None:
+async def test_it_waits_for_a_scheduler(router: RouterProcess, server: ModelServer) -> None:
     """Alive but not ready, and an instruction is told to come back."""
     async with (
         service_process("muster_planner", router, environment(server)) as process,
@@ -112,7 +104,7 @@ async def test_it_waits_for_a_scheduler(router: RouterProcess, server: OllamaSer
             await eventually(lambda: _is_ready(http))
 
 
-async def test_a_missing_model_server_is_told_to_the_operator(router: RouterProcess, server: OllamaServer) -> None:
+async def test_a_missing_model_server_is_told_to_the_operator(router: RouterProcess, server: ModelServer) -> None:
     """The mission is rejected with what to do, and the planner stays up."""
     nowhere = {"OLLAMA_HOST": f"http://127.0.0.1:{free_port()}"}
     async with (
@@ -133,6 +125,8 @@ async def test_a_missing_model_server_is_told_to_the_operator(router: RouterProc
     ("wrong", "says_what"),
     [
         ({"MUSTER_PLANNER": "gpt-9"}, "MUSTER_PLANNER"),
+        ({"MUSTER_PLANNER": "anthropic:some-model", "ANTHROPIC_API_KEY": ""}, "set ANTHROPIC_API_KEY"),
+        ({"MUSTER_PLANNER": "openai:gpt-4o", "OPENAI_API_KEY": "", "OPENAI_BASE_URL": ""}, "set OPENAI_API_KEY"),
         ({"MUSTER_PORT": "99999"}, "MUSTER_PORT"),
         ({"MUSTER_PORT": "http"}, "MUSTER_PORT"),
         ({"MUSTER_PLAN_TIME_S": "-1"}, "MUSTER_PLAN_TIME_S"),

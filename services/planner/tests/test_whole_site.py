@@ -9,7 +9,8 @@ from typing import Any
 import httpx
 import pytest
 from muster_bus.testing import RouterProcess, eventually, running_bus, service_process
-from muster_planner.testing import YARD, ollama_server, says, show_objects
+from muster_planner.testing import YARD, show_objects
+from muster_planner.testing_servers import model_server, says
 
 HAUL = {
     "tasks": [
@@ -75,7 +76,7 @@ async def whole_site(
 @pytest.mark.end_to_end
 async def test_an_instruction_is_planned_repaired_and_carried_out(router: RouterProcess, data: dict[str, str]) -> None:
     """The first plan names a robot that is not there, the second runs to its end; a refusal is rejected."""
-    with ollama_server() as model:
+    with model_server() as model:
         model.answers = [says(IMPOSSIBLE), says(HAUL), says({"refusal": "There is no crane."})]
         planner = {"MUSTER_PLANNER": "ollama:llama3.1", "OLLAMA_HOST": model.url}
         async with whole_site(router, data, planner) as http:

@@ -14,7 +14,7 @@ from muster_schemas.gate import check_plan, unknown_objects
 from muster_schemas.mission import Reason
 from muster_schemas.plan import Plan
 
-from .errors import AnswerError, PlanningError, ServerMissingError
+from .errors import AnswerError, ModelBusyError, PlanningError, ServerMissingError
 from .llm import Feedback, PlanDraft, PlanningModel, PlanRequest
 from .surroundings import Surroundings
 
@@ -24,6 +24,7 @@ ATTEMPTS = 3
 MAX_REASONS = 20
 
 SERVER_RETRY_PAUSE_S = 1.0
+"""Before a server that was not there, or that has too much to do and does not say how long, is asked once more."""
 
 
 class Scene(Protocol):
@@ -102,9 +103,11 @@ async def draft_plan(
             async with take_turn():
                 draft = await spent.call(model, request)
             failure = None
-        except ServerMissingError as error:
+        except (ServerMissingError, ModelBusyError) as error:
             failure, reasons = error, [Reason(code=error.code, message=str(error)[:1000])]
-            await asyncio.sleep(SERVER_RETRY_PAUSE_S)
+            if not spent.may_wait(error):
+                return spent.end(reasons=reasons, failure=failure)
+            await asyncio.sleep(spent.pause_s)
             continue
         except AnswerError as error:
             failure, reasons = error, [Reason(code=error.code, message=str(error)[:1000])]
@@ -145,8 +148,21 @@ class _Spent:
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
         self.attempts = 0
+        self.pause_s = 0.0
+        """How long the pause before the next attempt is."""
         self._model_s = 0.0
         self._tokens = 0
+        self._waited = False
+
+    def may_wait(self, error: ServerMissingError | ModelBusyError) -> bool:
+        """Return whether to ask the server again after a pause: once, and if the pause fits into the time."""
+        asked = error.retry_after_s if isinstance(error, ModelBusyError) else None
+        self.pause_s = SERVER_RETRY_PAUSE_S if asked is None else asked
+        if self._waited or self.pause_s >= self.time_left_s:
+            return False
+        self._waited = True
+        self._model_s += self.pause_s
+        return True
 
     @property
     def time_left_s(self) -> float:

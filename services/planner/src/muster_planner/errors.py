@@ -4,7 +4,11 @@
     ├── SetupError              whoever runs the site acts
     │   ├── UnknownPlannerError     MUSTER_PLANNER says something that does not exist
     │   ├── ServerMissingError      the model's server cannot be reached (it may come back: worth another try)
-    │   └── ModelMissingError       the server, or the package, does not have the model
+    │   ├── KeyRefusedError         the server does not take the key, or wants one
+    │   ├── ModelMissingError       the server, or the package, does not have the model
+    │   ├── BudgetSpentError        the site's budget for remote models is used up for today
+    │   └── BudgetFileError         what it has cost so far can be neither read nor written
+    ├── ModelBusyError          too many requests, or too much to do: the server says when to come back
     └── AnswerError             the model could not do it now; the operator says it shorter or sends it again
         ├── ModelTimeoutError       no answer within the time that is left for the mission
         ├── TruncatedAnswerError    the answer reached the token limit before its end
@@ -39,10 +43,39 @@ class ServerMissingError(SetupError):
     code = "model_server_missing"
 
 
+class KeyRefusedError(SetupError):
+    """The server does not take the key, or there is none."""
+
+    code = "model_key_refused"
+
+
+class BudgetSpentError(SetupError):
+    """The site's budget for remote models does not allow this call."""
+
+    code = "token_budget_spent"
+
+
+class BudgetFileError(SetupError):
+    """What remote models have cost today is not known."""
+
+    code = "token_budget_unknown"
+
+
 class ModelMissingError(SetupError):
     """The model is not there."""
 
     code = "model_missing"
+
+
+class ModelBusyError(PlanningError):
+    """The server has too much to do, or this key has asked too often."""
+
+    code = "model_busy"
+
+    def __init__(self, message: str, *, retry_after_s: float | None = None) -> None:
+        super().__init__(message)
+        self.retry_after_s = retry_after_s
+        """When the server wants to be asked again; None: it does not say."""
 
 
 class AnswerError(PlanningError):

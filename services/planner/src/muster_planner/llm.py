@@ -1,20 +1,24 @@
 """The port to language models: one request in, one draft of a plan out.
 
-`MUSTER_PLANNER` chooses the adapter (`embedded`, `ollama:llama3.1`); each is imported only when it is chosen, so that
-neither's libraries are needed for the other.
+`MUSTER_PLANNER` chooses the adapter (`embedded`, `ollama:llama3.1`, `openai:gpt-4o`, `anthropic:...`); each is imported
+only when it is chosen, since their libraries take long to load.
 """
 
 from collections.abc import AsyncGenerator, Mapping, Sequence
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Final, Protocol, runtime_checkable
 
 from muster_schemas.mission import Reason
 from muster_schemas.plan import Plan
 from muster_schemas.robot import RobotCard
 from muster_schemas.skills import Catalogue
 
+from .budget import Budget, Unlimited
 from .errors import UnknownPlannerError
+
+if TYPE_CHECKING:
+    from .adapters.remote import ChatServer
 
 
 @dataclass(frozen=True)
@@ -99,6 +103,10 @@ class TextModel(Protocol):
         ...
 
 
+REMOTE: Final = ("ollama", "openai", "anthropic")
+"""Adapters of models behind a server; the model's name follows after a colon."""
+
+
 def check_choice(choice: str) -> str:
     """Return the choice unchanged if there is an adapter for it.
 
@@ -107,32 +115,52 @@ def check_choice(choice: str) -> str:
 
     """
     kind, _, name = choice.partition(":")
-    if choice == "embedded" or (kind == "ollama" and name.strip()):
+    if choice == "embedded" or (kind in REMOTE and name.strip()):
         return choice
     raise UnknownPlannerError(
-        f"there is no planner {choice[:80]!r}; take 'embedded', or 'ollama:' and a model, such as 'ollama:llama3.1'"
+        f"there is no planner {choice[:80]!r}; take 'embedded', or 'ollama:', 'openai:' or 'anthropic:' and a model, "
+        "such as 'ollama:llama3.1'"
     )
 
 
 @asynccontextmanager
-async def open_model(choice: str) -> AsyncGenerator[PlanningModel]:
+async def open_model(choice: str, budget: Budget | None = None) -> AsyncGenerator[PlanningModel]:
     """Load the model that `choice` names, and free it at the end.
 
     Args:
-        choice: `embedded`, or `ollama:` and a model's name (its server is where `OLLAMA_HOST` says).
+        choice: `embedded`, or the name of a server's API, a colon and a model; `settings.access` says where the
+            server is and which key opens it.
+        budget: asked before every call of a remote model; None: it may cost what it costs.
 
     Raises:
         UnknownPlannerError: there is no such adapter.
         ModelMissingError: the embedded model's files are not there.
+        KeyRefusedError: the API takes no request without a key, and none is set.
 
     """
-    if check_choice(choice) == "embedded":
+    kind, _, name = check_choice(choice).partition(":")
+    if kind == "embedded":
         from .embedded import open_embedded  # noqa: PLC0415 (loads the inference library)
 
-        async with open_embedded() as model:
-            yield model
-    else:
-        from .adapters.ollama import open_ollama  # noqa: PLC0415 (loads the client)
+        async with open_embedded() as embedded:
+            yield embedded
+        return
+    from .adapters.remote import RemoteModel  # noqa: PLC0415 (needs this module)
+    from .settings import access  # noqa: PLC0415 (needs this module)
 
-        async with open_ollama(choice.partition(":")[2]) as model:
-            yield model
+    opened: AbstractAsyncContextManager[ChatServer]
+    match kind:
+        case "ollama":
+            from .adapters.ollama import open_ollama  # noqa: PLC0415 (loads the client)
+
+            opened = open_ollama(name, access("ollama"))
+        case "openai":
+            from .adapters.openai import open_openai  # noqa: PLC0415 (loads the client)
+
+            opened = open_openai(name, access("openai"))
+        case _:
+            from .adapters.anthropic import open_anthropic  # noqa: PLC0415 (loads the client)
+
+            opened = open_anthropic(name, access("anthropic"))
+    async with opened as server:
+        yield RemoteModel(server, budget or Unlimited())

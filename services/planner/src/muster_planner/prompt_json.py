@@ -99,6 +99,42 @@ def answer_schema(request: PlanRequest) -> dict[str, Any]:
     }
 
 
+def strict_schema(request: PlanRequest) -> dict[str, Any]:
+    """Return `answer_schema` in the part of JSON Schema that OpenAI's and Anthropic's own services hold models to.
+
+    One object with every field required; what may be left out may be null. No limits of length, which they refuse.
+    """
+    plan, refusal = answer_schema(request)["anyOf"]
+    both: dict[str, Any] = {**plan, "properties": {**plan["properties"], **refusal["properties"]}, "required": []}
+    return cast("dict[str, Any]", _strict(both))
+
+
+def _strict(schema: Any) -> Any:
+    if isinstance(schema, list):
+        return [_strict(one) for one in cast("list[Any]", schema)]
+    if not isinstance(schema, dict):
+        return schema
+    fields = cast("dict[str, Any]", schema)
+    kept = {k: v if k == "enum" else _strict(v) for k, v in fields.items() if k not in _LIMITS}
+    if "properties" in kept:
+        optional = set(kept["properties"]) - set(fields["required"])
+        for name in optional:
+            kept["properties"][name] = {"anyOf": [kept["properties"][name], {"type": "null"}]}
+        kept["required"] = list(kept["properties"])
+    return kept
+
+
+_LIMITS = frozenset({"minLength", "maxLength", "minItems", "maxItems", "minimum"})
+
+
+def _without_nulls(data: Any) -> Any:
+    if isinstance(data, list):
+        return [_without_nulls(one) for one in cast("list[Any]", data)]
+    if isinstance(data, dict):
+        return {k: _without_nulls(v) for k, v in cast("dict[str, Any]", data).items() if v is not None}
+    return data
+
+
 def parse_answer(raw: str) -> Plan | str:
     """Return the plan that the answer holds, or the text of its refusal.
 
@@ -107,7 +143,7 @@ def parse_answer(raw: str) -> Plan | str:
 
     """
     try:
-        data: Any = json.loads(raw)
+        data: Any = _without_nulls(json.loads(raw))
     except (ValueError, RecursionError) as error:
         raise UnusableAnswerError("The model did not answer in JSON. Send it again, or say it shorter.") from error
     if isinstance(data, dict):

@@ -12,6 +12,7 @@ from muster_schemas.site import load_site
 
 from .api.app import create_app
 from .api.parts import Parts
+from .budget import DailyBudget
 from .events import Hub
 from .llm import PlanningModel, open_model
 from .metrics import Metrics
@@ -39,7 +40,8 @@ def bind(settings: PlannerSettings) -> socket.socket:
 
 async def serve(bus: Bus, stop: asyncio.Event, settings: PlannerSettings, listening: socket.socket) -> None:
     """Load the model that the settings choose, then plan missions and answer HTTP until `stop` is set."""
-    async with open_model(settings.planner) as model:
+    budget = DailyBudget(settings.data_dir / "planner-budget.json", settings.plan_tokens_per_day)
+    async with open_model(settings.planner, budget) as model:
         await serve_model(bus, stop, settings, listening, model)
 
 

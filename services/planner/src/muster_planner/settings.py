@@ -1,11 +1,17 @@
-"""What the planner reads from its environment, once."""
+"""What the planner reads from its environment, once.
+
+Keys stand in the variables in which their vendors' own programs look for them. They are never logged and stand in no
+message; `SecretStr` keeps them out of representations.
+"""
 
 import ipaddress
 from typing import Annotated
 
 from muster_bus.settings import ServiceSettings
 from pydantic import Field, SecretStr, ValidationInfo, field_validator
+from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from .adapters.remote import Access
 from .drafting import Limits
 from .errors import UnknownPlannerError
 from .llm import check_choice
@@ -15,7 +21,7 @@ class PlannerSettings(ServiceSettings):
     """Beside the site, router and log: the model, where the REST API listens, and what planning may cost."""
 
     planner: str = "embedded"
-    """`embedded`, or `ollama:` and a model."""
+    """`embedded`, or `ollama:`, `openai:` or `anthropic:` and a model."""
     host: Annotated[str, Field(min_length=1)] = "127.0.0.1"
     port: Annotated[int, Field(ge=0, le=65535)] = 8000
     """0: any free one; the log says which."""
@@ -27,14 +33,20 @@ class PlannerSettings(ServiceSettings):
     """Of model time that one instruction may cost, repairs included."""
     plan_tokens: Annotated[int, Field(ge=100, le=10_000_000)] = Limits.tokens
     """In and out, that one instruction may cost, repairs included."""
+    plan_tokens_per_day: Annotated[int, Field(ge=0, le=10**12)] = 2_000_000
+    """In and out, that all instructions may cost together with a remote model, dry runs included."""
 
     @field_validator("planner")
     @classmethod
     def _known_planner(cls, planner: str) -> str:
         try:
-            return check_choice(planner)
+            kind = check_choice(planner).partition(":")[0]
         except UnknownPlannerError as error:
             raise ValueError(str(error)) from error
+        server = access(kind)
+        if server.secret is None and (kind == "anthropic" or (kind == "openai" and server.url is None)):
+            raise ValueError(f"{planner[:80]!r} wants a key; set {kind.upper()}_API_KEY")
+        return planner
 
     @field_validator("token")
     @classmethod
@@ -53,6 +65,30 @@ class PlannerSettings(ServiceSettings):
     def limits(self) -> Limits:
         """What planning one instruction may cost."""
         return Limits(time_s=self.plan_time_s, tokens=self.plan_tokens)
+
+
+class ModelServers(BaseSettings):
+    """Where models' servers are and what opens them."""
+
+    model_config = SettingsConfigDict(frozen=True, extra="ignore", env_ignore_empty=True)
+
+    ollama_host: str | None = None
+    openai_base_url: str | None = None
+    openai_api_key: SecretStr | None = None
+    anthropic_base_url: str | None = None
+    anthropic_api_key: SecretStr | None = None
+
+
+def access(api: str) -> Access:
+    """Return where the server of an API (`ollama`, `openai`, `anthropic`) is, and its key."""
+    servers = ModelServers()
+    match api:
+        case "ollama":
+            return Access(url=servers.ollama_host)
+        case "openai":
+            return Access(url=servers.openai_base_url, key=servers.openai_api_key)
+        case _:
+            return Access(url=servers.anthropic_base_url, key=servers.anthropic_api_key)
 
 
 def is_loopback(host: str) -> bool:

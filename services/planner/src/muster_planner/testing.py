@@ -1,4 +1,4 @@
-"""Testing support: models written as functions, an Ollama server, a scheduler's side of the bus, standing robots.
+"""Testing support: models written as functions, a scheduler's side of the bus, standing robots.
 
 Nothing here stands in for code of the planner: they are real programs on the other side of its ports.
 """
@@ -7,14 +7,11 @@ import asyncio
 import contextlib
 import itertools
 import json
-import socket
-import threading
-from collections.abc import AsyncGenerator, Awaitable, Callable, Generator, Sequence
+from collections.abc import AsyncGenerator, Awaitable, Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import httpx
-import uvicorn
 from muster_bus import Bus, Refusal
 from muster_bus.testing import SITE_FILE, RouterProcess, eventually, running_bus
 from muster_schemas.base import Point
@@ -44,10 +41,6 @@ from muster_schemas.rpc import (
 )
 from muster_schemas.site import load_site
 from muster_schemas.world import MapObject
-from starlette.applications import Starlette
-from starlette.requests import Request
-from starlette.responses import JSONResponse, Response
-from starlette.routing import Route
 
 from .llm import PlanDraft, PlanRequest
 from .service import bind, serve_model
@@ -291,67 +284,6 @@ async def running_planner(
 async def _ended(serving: "asyncio.Task[None]", stop: asyncio.Event) -> None:
     stop.set()
     await serving
-
-
-class OllamaServer:
-    """Speaks what Ollama's API documents of `POST /api/chat`; answers are given beforehand, one a request."""
-
-    def __init__(self, url: str) -> None:
-        self.url = url
-        self.requests: list[dict[str, Any]] = []
-        self.answers: list[Response | Callable[[dict[str, Any]], Awaitable[Response] | Response]] = []
-        """Taken from the front; the last one stays."""
-
-    async def chat(self, request: Request) -> Response:
-        """Answer one chat request."""
-        body = json.loads(await request.body())
-        self.requests.append(body)
-        answer = self.answers[0] if len(self.answers) == 1 else self.answers.pop(0)
-        if isinstance(answer, Response):
-            return answer
-        given = answer(body)
-        return given if isinstance(given, Response) else await given
-
-
-def says(content: object, *, done_reason: str = "stop") -> Response:
-    """Return the answer of a model that says this (as JSON, unless it is text)."""
-    text = content if isinstance(content, str) else json.dumps(content)
-    return JSONResponse(
-        {
-            "model": "llama3.1",
-            "created_at": "2026-01-01T00:00:00.000000Z",
-            "message": {"role": "assistant", "content": text},
-            "done": True,
-            "done_reason": done_reason,
-            "total_duration": 1_000_000,
-            "load_duration": 1_000,
-            "prompt_eval_count": 321,
-            "prompt_eval_duration": 1_000,
-            "eval_count": 45,
-            "eval_duration": 1_000,
-        }
-    )
-
-
-def fails(status: int, error: str) -> Response:
-    """Return the answer of a server that cannot."""
-    return JSONResponse({"error": error}, status_code=status)
-
-
-@contextlib.contextmanager
-def ollama_server() -> Generator[OllamaServer]:
-    """Run an Ollama server in a thread of its own, on a free port."""
-    with socket.create_server(("127.0.0.1", 0)) as listening:
-        server = OllamaServer(f"http://127.0.0.1:{listening.getsockname()[1]}")
-        app = Starlette(routes=[Route("/api/chat", server.chat, methods=["POST"])])
-        runner = uvicorn.Server(uvicorn.Config(app, log_config=None, lifespan="off", timeout_graceful_shutdown=1))
-        thread = threading.Thread(target=runner.run, kwargs={"sockets": [listening]})
-        thread.start()
-        try:
-            yield server
-        finally:
-            runner.should_exit = True
-            thread.join()
 
 
 def lines_of(path: Path) -> list[dict[str, Any]]:
