@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 from muster_planner.published import published_form
-from muster_planner.testing import DRIVE, OllamaServer, ollama_server, says
+from muster_planner.testing import DRIVE
+from muster_planner.testing_servers import ModelServer, model_server, says
 
 CASE: dict[str, Any] = {"ID": "dart_llm-L1-T1-001", "text": "E1 to the soil", "output": published_form(DRIVE)}
 HOIST = {"ID": "x-L1", "text": "hoist the crane", "refuse": "there is no crane"}
@@ -28,14 +29,14 @@ def muster(tmp_path: Path, dataset: str, *arguments: str, **environment: str) ->
     )
 
 
-def evaluated(tmp_path: Path, server: OllamaServer, *arguments: str) -> subprocess.CompletedProcess[str]:
+def evaluated(tmp_path: Path, server: ModelServer, *arguments: str) -> subprocess.CompletedProcess[str]:
     """Evaluate the two lines with an Ollama model."""
     return muster(tmp_path, "set.jsonl", "--planner", "ollama:llama3.1", *arguments, OLLAMA_HOST=server.url)
 
 
 def test_the_tables_are_printed_and_the_files_written(tmp_path: Path) -> None:
     """SR by level, refusals apart; JSON, Markdown and a picture under the name that was given."""
-    with ollama_server() as server:
+    with model_server() as server:
         server.answers = [says(published_form(DRIVE)), says({"refusal": "There is no crane."})]
         done = evaluated(tmp_path, server, "--out", str(tmp_path / "results" / "first"))
     assert done.returncode == 0, done.stderr
@@ -50,7 +51,7 @@ def test_the_tables_are_printed_and_the_files_written(tmp_path: Path) -> None:
 
 def test_failures_are_listed_with_what_is_missing(tmp_path: Path) -> None:
     """Each by its id, with the text and the difference."""
-    with ollama_server() as server:
+    with model_server() as server:
         server.answers = [says({"refusal": "no"}), says(published_form(DRIVE))]
         done = evaluated(tmp_path, server, "--failures", "--repeat", "1")
     assert "dart_llm-L1-T1-001: refused" in done.stdout

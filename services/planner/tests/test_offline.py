@@ -8,20 +8,21 @@ import pytest
 from muster_planner.errors import UnknownPlannerError
 from muster_planner.offline import open_offline, plan_batch, plan_one
 from muster_planner.published import published_form
-from muster_planner.testing import DRIVE, YARD, OllamaServer, fails, lines_of, ollama_server, says
+from muster_planner.testing import DRIVE, YARD, lines_of
+from muster_planner.testing_servers import ModelServer, fails, model_server, says
 
 PLANNER = "ollama:llama3.1"
 
 
 @pytest.fixture
-def server(monkeypatch: pytest.MonkeyPatch) -> Generator[OllamaServer]:
+def server(monkeypatch: pytest.MonkeyPatch) -> Generator[ModelServer]:
     """Provide an Ollama server where `OLLAMA_HOST` says."""
-    with ollama_server() as running:
+    with model_server() as running:
         monkeypatch.setenv("OLLAMA_HOST", running.url)
         yield running
 
 
-def test_one_instruction_gives_one_plan(server: OllamaServer) -> None:
+def test_one_instruction_gives_one_plan(server: ModelServer) -> None:
     """Robots and objects are those of the site's file."""
     server.answers = [says(published_form(DRIVE))]
     line = plan_one("go to the soil", site=YARD, planner=PLANNER)
@@ -30,7 +31,7 @@ def test_one_instruction_gives_one_plan(server: OllamaServer) -> None:
     assert all(r.id in server.requests[0]["messages"][0]["content"] for r in YARD.robots)
 
 
-def test_an_instruction_without_a_plan_has_an_error_in_words(server: OllamaServer) -> None:
+def test_an_instruction_without_a_plan_has_an_error_in_words(server: ModelServer) -> None:
     """The refusal, the model's failure, or what is wrong with the text."""
     server.answers = [says({"refusal": "There is no crane."}), fails(404, "model not found")]
     with open_offline(YARD, PLANNER) as offline:
@@ -40,7 +41,7 @@ def test_an_instruction_without_a_plan_has_an_error_in_words(server: OllamaServe
         assert "2000" in (offline.plan("x" * 2001).error or "")
 
 
-def test_a_batch_answers_each_line(server: OllamaServer, tmp_path: Path) -> None:
+def test_a_batch_answers_each_line(server: ModelServer, tmp_path: Path) -> None:
     """In order, in the published form, with progress; bad lines give error lines and stop nothing."""
     server.answers = [says(published_form(DRIVE))]
     source, target = tmp_path / "in.jsonl", tmp_path / "out.jsonl"
@@ -67,7 +68,7 @@ def test_a_batch_answers_each_line(server: OllamaServer, tmp_path: Path) -> None
     assert seen == [(n, 9) for n in range(1, 10)]
 
 
-def test_an_empty_batch_gives_an_empty_file(server: OllamaServer, tmp_path: Path) -> None:
+def test_an_empty_batch_gives_an_empty_file(server: ModelServer, tmp_path: Path) -> None:
     """And asks no model."""
     (tmp_path / "in.jsonl").write_text("\n")
     plan_batch(tmp_path / "in.jsonl", tmp_path / "out.jsonl", site=YARD, planner=PLANNER)
@@ -75,7 +76,7 @@ def test_an_empty_batch_gives_an_empty_file(server: OllamaServer, tmp_path: Path
     assert server.requests == []
 
 
-def test_ids_come_back_as_they_are(server: OllamaServer, tmp_path: Path) -> None:
+def test_ids_come_back_as_they_are(server: ModelServer, tmp_path: Path) -> None:
     """Also those that are no ASCII."""
     server.answers = [says(published_form(DRIVE))]
     (tmp_path / "in.jsonl").write_text(json.dumps({"id": "größe 1/\u2028", "text": "go"}))

@@ -7,15 +7,16 @@ from pathlib import Path
 import pytest
 from muster_planner.evaluation.evaluating import Asked, evaluate
 from muster_planner.published import published_form
-from muster_planner.testing import DRIVE, YARD, OllamaServer, ollama_server, says
+from muster_planner.testing import DRIVE, YARD
+from muster_planner.testing_servers import ModelServer, model_server, says
 
 PLANNER = "ollama:llama3.1"
 
 
 @pytest.fixture
-def server(monkeypatch: pytest.MonkeyPatch) -> Generator[OllamaServer]:
+def server(monkeypatch: pytest.MonkeyPatch) -> Generator[ModelServer]:
     """Provide an Ollama server where `OLLAMA_HOST` says."""
-    with ollama_server() as running:
+    with model_server() as running:
         monkeypatch.setenv("OLLAMA_HOST", running.url)
         yield running
 
@@ -29,7 +30,7 @@ def dataset(tmp_path: Path) -> Path:
     return path
 
 
-def test_every_answer_is_told_as_it_comes(server: OllamaServer, dataset: Path) -> None:
+def test_every_answer_is_told_as_it_comes(server: ModelServer, dataset: Path) -> None:
     """With how many are right so far."""
     server.answers = [says({"refusal": "no"}), says(published_form(DRIVE))]
     told: list[tuple[int, int, int]] = []
@@ -43,7 +44,7 @@ def test_every_answer_is_told_as_it_comes(server: OllamaServer, dataset: Path) -
     assert (result.complete, result.rows[0].sr, result.rows[0].sr_spread) == (True, 0.75, 0.25)
 
 
-def test_what_was_answered_before_an_interruption_is_kept(server: OllamaServer, dataset: Path) -> None:
+def test_what_was_answered_before_an_interruption_is_kept(server: ModelServer, dataset: Path) -> None:
     """As an evaluation that says that it is not complete."""
     server.answers = [says(published_form(DRIVE))]
 

@@ -8,7 +8,8 @@ from muster_planner.evaluation.smart_llm import SmartLlm, program_in
 from muster_planner.evaluation.testing import NAMES, case_of, scored
 from muster_planner.offline import open_offline
 from muster_planner.plan_language import encode
-from muster_planner.testing import DRIVE, YARD, FunctionModel, OllamaServer, ollama_server, says
+from muster_planner.testing import DRIVE, YARD, FunctionModel
+from muster_planner.testing_servers import ModelServer, model_server, says
 
 PROGRAM = """\
 Here is the plan:
@@ -23,14 +24,14 @@ I hope this helps."""
 
 
 @pytest.fixture
-def server(monkeypatch: pytest.MonkeyPatch) -> Generator[OllamaServer]:
+def server(monkeypatch: pytest.MonkeyPatch) -> Generator[ModelServer]:
     """Provide an Ollama server where `OLLAMA_HOST` says."""
-    with ollama_server() as running:
+    with model_server() as running:
         monkeypatch.setenv("OLLAMA_HOST", running.url)
         yield running
 
 
-def test_a_program_becomes_a_plan(server: OllamaServer) -> None:
+def test_a_program_becomes_a_plan(server: ModelServer) -> None:
     """The model is told robots, objects and skills, and held to no JSON form."""
     server.answers = [says(PROGRAM)]
     with open_offline(YARD, "ollama:llama3.1", wrap=SmartLlm) as planner:
@@ -46,7 +47,7 @@ def test_a_program_becomes_a_plan(server: OllamaServer) -> None:
     assert not asked.get("format")
 
 
-def test_what_is_no_program_goes_back_with_the_reason(server: OllamaServer) -> None:
+def test_what_is_no_program_goes_back_with_the_reason(server: ModelServer) -> None:
     """As for every planner, at most twice; then there is no plan."""
     server.answers = [says("while True: pass"), says(PROGRAM)]
     with open_offline(YARD, "ollama:llama3.1", wrap=SmartLlm) as planner:
@@ -54,7 +55,7 @@ def test_what_is_no_program_goes_back_with_the_reason(server: OllamaServer) -> N
     assert "a plan has no while" in server.requests[1]["messages"][-1]["content"]
 
 
-def test_a_refusal_is_a_refusal(server: OllamaServer) -> None:
+def test_a_refusal_is_a_refusal(server: ModelServer) -> None:
     """Not a program that cannot be read."""
     server.answers = [says("# REFUSE: there is no crane")]
     with open_offline(YARD, "ollama:llama3.1", wrap=SmartLlm) as planner:
