@@ -48,7 +48,7 @@ def main() -> None:
 
     async def serve(bus: Bus, stop: asyncio.Event) -> None:
         make_snapshot = partial(snapshot_elsewhere, settings.environment())
-        await Shell(bus, site, core, journal, make_snapshot).run(stop, Policy())
+        await Shell(bus, site, core, journal, make_snapshot).run(stop, Policy(failures=site.failures, approval=site.approval))
 
     run("scheduler", settings, serve)
 

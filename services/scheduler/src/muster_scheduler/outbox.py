@@ -15,11 +15,13 @@ from muster_schemas.channels import (
     TASK_STATE,
 )
 from muster_schemas.robot import SkillRequest, TaskRef
+from muster_schemas.rpc import ReplanMission
 from muster_schemas.stops import StopRequest
 from muster_schemas.world import Keywords
 
 from .core.effects import (
     Acknowledge,
+    AskPlanner,
     Effect,
     Hush,
     HushStop,
@@ -53,6 +55,7 @@ class Outbox:
 
     def __init__(self, bus: Bus) -> None:
         self._bus = bus
+        self._questions: list[ReplanMission] = []
         self._outstanding: dict[tuple[str, TaskRef | None], _Outstanding] = {}
         """By robot and attempt; None for its stop order, of which only the newest counts."""
 
@@ -90,6 +93,12 @@ class Outbox:
                     pass
         for effect in told.values():
             self._tell(effect)
+        self._questions += [e.request for e in effects if isinstance(e, AskPlanner)]
+
+    def take_questions(self) -> list[ReplanMission]:
+        """Return what the planner is to be asked, and forget it."""
+        questions, self._questions = self._questions, []
+        return questions
 
     def repeat(self, at: float, now: float) -> None:
         """Send again what has waited long enough for an answer."""

@@ -39,6 +39,7 @@ from .core.views import mission_state, mission_view
 from .engine import Engine
 from .journal import Journal, JournalCorruptError, JournalUnavailableError
 from .outbox import Outbox
+from .policy.approval import why_ask
 
 LOOK_FOR_S: Final = 3.0
 """How long a plan waits for its objects to be found before it is refused."""
@@ -95,6 +96,7 @@ class Desk:
                     priority=request.priority,
                     approval=request.approval,
                     idempotency_key=request.idempotency_key,
+                    ask_because=self._why_ask(request.plan),
                 )
             )
         except Refusal:
@@ -120,7 +122,8 @@ class Desk:
                     raise Refusal.because(ErrorCode.INVALID, "set_plan needs a plan")
                 if mission is not None and is_possible(mission, request.action):
                     await self._pass_gate(request.plan)
-            await self._happen(lambda at: MissionControlled(at=at, control=request))
+            why = self._why_ask(request.plan if request.action is MissionAction.SET_PLAN else None)
+            await self._happen(lambda at: MissionControlled(at=at, control=request, ask_because=why))
         if request.action is MissionAction.CANCEL:
             await self._until(lambda: self._all_said(request.mission_id), CANCEL_REPLY_S)
         return _reply(self._state.missions[request.mission_id])
@@ -128,7 +131,8 @@ class Desk:
     async def stop(self, request: StopRobots) -> StopReply:
         """Stop or release a robot or all; answer when each that can be reached has obeyed, or soon after."""
         robot_id = request.robot_id
-        await self._happen(lambda at: StopOrdered(at=at, robot_id=robot_id, stop=request.stop))
+        if not stops.changes_nothing(self._state, request):
+            await self._happen(lambda at: StopOrdered(at=at, robot_id=robot_id, stop=request.stop))
         await self._until(lambda: stops.all_said(self._state, robot_id), CANCEL_REPLY_S)
         return stops.known(self._state, robot_id)
 
@@ -151,6 +155,22 @@ class Desk:
             brief = told > LISTED_TASKS
             views.append(MissionView(mission=mission_state(mission)) if brief else mission_view(mission))
         return MissionsReply(missions=tuple(views))
+
+    async def admit(self, plan: Plan) -> tuple[str, ...]:
+        """Let a plan through the gate; return why the site's rules want a person to see it.
+
+        Raises:
+            Refusal: it cannot run.
+
+        """
+        await self._pass_gate(plan)
+        return self._why_ask(plan)
+
+    def _why_ask(self, plan: Plan | None) -> tuple[str, ...]:
+        state = self._state
+        if plan is None or not state.policy.approval:
+            return ()
+        return why_ask(state.policy.approval, plan.tasks, [r.card for r in state.robots.values()], state.catalogue)
 
     async def rules(self, _query: RulesQuery) -> AreaRules:
         """Return the area rules that hold."""

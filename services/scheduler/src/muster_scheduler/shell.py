@@ -29,6 +29,7 @@ from .housekeeping import Housekeeping, MakeSnapshot
 from .journal import Journal
 from .outbox import Outbox
 from .policy.world import World
+from .replanning import Replanner
 from .rpc import Desk
 from .sightings import Sightings
 
@@ -63,6 +64,7 @@ class Shell:
         """Resume every mission and work until asked to stop."""
         self._engine.start(self._site.skills, policy)
         desk = Desk(self._engine, self.do, self._outbox, self._journal)
+        replanner = Replanner(self._bus, self.do, desk.admit)
         async with asyncio.TaskGroup() as group, desk.serve(self._bus):
             readers = [
                 group.create_task(self._read(OBJECT, self._on_object), name="objects"),
@@ -73,11 +75,12 @@ class Shell:
                 group.create_task(self._watch(), name="robots alive"),
                 group.create_task(self._housekeeping.run(), name="housekeeping"),
             ]
-            readers.append(group.create_task(self._keep_time(), name="time"))
+            readers.append(group.create_task(self._keep_time(replanner), name="time"))
             stopping = group.create_task(stop.wait(), name="stop")
             self._broken = asyncio.get_running_loop().create_future()
             _log.info("serving")
             await asyncio.wait((self._broken, stopping), return_when=asyncio.FIRST_COMPLETED)
+            await replanner.close()
             for task in (*readers, stopping):
                 task.cancel()
             if self._broken.done():
@@ -115,7 +118,7 @@ class Shell:
         except Exception as error:  # noqa: BLE001  (ends the service; a callback has nobody else to tell)
             broken.set_exception(error)
 
-    async def _keep_time(self) -> None:
+    async def _keep_time(self, replanner: Replanner) -> None:
         """Do at intervals what only the passing of time asks for."""
         while True:
             now = time.monotonic()
@@ -125,6 +128,7 @@ class Shell:
                 self._sightings.look_at_all()
             self._soon()
             self._outbox.repeat(self._engine.now(), now)
+            replanner.ask(self._outbox.take_questions())
             await asyncio.sleep(TURN_S)
 
     def _want(self, event: AnyEvent) -> Wish:

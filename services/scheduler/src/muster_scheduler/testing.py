@@ -7,19 +7,20 @@ from pathlib import Path
 from typing import Any
 
 from muster_schemas.ids import new_boot_id
-from muster_schemas.mission import MissionState, MissionStatus, TaskState, TaskStatus
+from muster_schemas.mission import MissionState, MissionStatus, Reason, TaskState, TaskStatus
 from muster_schemas.plan import PlanTask
 from muster_schemas.robot import SkillRequest, SkillStatus, SkillStatusKind, TaskRef
-from muster_schemas.rpc import ControlMission, MissionAction
+from muster_schemas.rpc import ControlMission, MissionAction, ReplanMission
 from muster_schemas.site import Site, Thing
 from muster_schemas.stops import StopRequest, StopStatus
 from muster_schemas.world import MapObject
 
 from .core.core import Core
-from .core.effects import Effect, Hush, HushStop, PublishMission, PublishTask, Send, SendStop
+from .core.effects import AskPlanner, Effect, Hush, HushStop, PublishMission, PublishTask, Send, SendStop
 from .core.events import (
     AnyEvent,
     MissionControlled,
+    MissionReplanned,
     MissionSubmitted,
     ObjectsChanged,
     Policy,
@@ -32,6 +33,7 @@ from .core.events import (
     Tick,
 )
 from .core.invariants import validate
+from .core.queue import TaskKey
 from .core.state import Mission, Task
 from .policy.assignment import Assignment
 from .policy.decide import advance
@@ -84,6 +86,8 @@ class Yard:
         """What is being sent."""
         self.stops: dict[str, StopRequest] = {}
         """Stop orders that are being sent."""
+        self.questions: dict[TaskKey, ReplanMission] = {}
+        """What the planner is being asked, by the task that failed."""
         self.starts: list[tuple[str, TaskRef]] = []
         self.published: list[TaskState | MissionState] = []
         self.now = 1000.0
@@ -106,6 +110,8 @@ class Yard:
                     self.outbox.pop((effect.robot_id, effect.ref), None)
                 case SendStop(request=request):
                     self.stops[request.robot_id] = request
+                case AskPlanner(request=request):
+                    self.questions[request.mission_id, request.task_id] = request
                 case HushStop():
                     self.stops.pop(effect.robot_id, None)
                 case PublishTask(task=task):
@@ -189,6 +195,21 @@ class Yard:
         """Act on a mission."""
         control = ControlMission(mission_id=mission.mission_id, action=action, **rest)
         self.happen(MissionControlled(at=self.now, control=control))
+
+    def answer(self, key: TaskKey, *plan: PlanTask, ask_because: tuple[str, ...] = ()) -> None:
+        """Let the planner answer the question about a task: with a plan, or that it has none."""
+        question = self.questions.pop(key)
+        self.happen(
+            MissionReplanned(
+                at=self.now,
+                mission_id=question.mission_id,
+                task_id=question.task_id,
+                number=question.number,
+                tasks=plan or None,
+                reasons=() if plan else (Reason(code="refused", message="No way."),),
+                ask_because=ask_because,
+            )
+        )
 
     def wait(self, seconds: float) -> None:
         """Let time pass."""

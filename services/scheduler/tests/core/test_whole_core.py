@@ -2,16 +2,18 @@
 
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 from muster_scheduler.core.archive import archivable
 from muster_scheduler.core.core import Core
-from muster_scheduler.core.events import EVENT, MissionsArchived, Started
+from muster_scheduler.core.errors import NotPossibleError
+from muster_scheduler.core.events import EVENT, MissionsArchived, Policy, Started
 from muster_scheduler.core.invariants import validate
 from muster_scheduler.core.memory import dump, load
-from muster_scheduler.core.missions import is_possible
-from muster_scheduler.core.state import Mission, Task
+from muster_scheduler.core.missions import DECISIONS, is_possible
+from muster_scheduler.core.state import Awaits, Mission, Task
 from muster_scheduler.testing import Yard, planned, replayed, yard_file
 from muster_schemas.plan import Plan, PlanTask
+from muster_schemas.policies import FailurePolicies, FailurePolicy, Measure
 from muster_schemas.robot import RequestAction, SkillStatus, SkillStatusKind, TaskRef
 from muster_schemas.rpc import MissionAction
 from muster_schemas.site import load_site
@@ -60,13 +62,25 @@ class WholeCore(RuleBasedStateMachine):
 
     def __init__(self) -> None:
         super().__init__()
+        self.policy = Policy()
         self.yard = Yard(SITE)
-        self.yard.open()
         self.missions: list[Mission] = []
         self.begun: dict[tuple[str, TaskRef], SkillStatusKind] = {}
         """Robot and attempt -> its last word, as a truthful agent remembers."""
         self.seqs: dict[tuple[str, TaskRef], int] = {}
         self.sent: list[SkillStatus] = []
+
+    @initialize(
+        then=st.lists(st.sampled_from(Measure), max_size=3),
+        retries=st.integers(0, 2),
+        lost_after_s=st.sampled_from([None, 10.0, 50.0]),
+    )
+    def open(self, then: list[Measure], retries: int, lost_after_s: float | None) -> None:
+        """Begin with some failure policy."""
+        default = FailurePolicy(then=tuple(then), retries=retries)
+        self.policy = Policy(failures=FailurePolicies(default=default, lost_after_s=lost_after_s))
+        self.yard = Yard(SITE, policy=self.policy)
+        self.yard.open()
 
     def _pick_task(self, index: int) -> tuple[str, Task] | None:
         active = [
@@ -95,8 +109,23 @@ class WholeCore(RuleBasedStateMachine):
     def control(self, index: int, action: MissionAction, plan: tuple[PlanTask, ...]) -> None:
         """Someone acts on a mission."""
         mission = self.missions[index % len(self.missions)]
-        if is_possible(mission, action):
-            self.yard.control(mission, action, plan=Plan(tasks=plan) if action is MissionAction.SET_PLAN else None)
+        if not is_possible(mission, action):
+            return
+        held = [t.task_id for t in mission.tasks.values() if t.awaits is not None]
+        task_id = held[index % len(held)] if held and action in DECISIONS else None
+        new = Plan(tasks=plan) if action is MissionAction.SET_PLAN else None
+        try:
+            self.yard.control(mission, action, plan=new, task_id=task_id)
+        except NotPossibleError:
+            # nothing is to be decided about that task, or there are several new plans to choose from
+            assert action in (*DECISIONS, MissionAction.SET_PLAN)
+
+    @precondition(lambda self: self.yard.questions)
+    @rule(index=indexes, plan=st.none() | plans(), ask=st.booleans())
+    def the_planner_answers(self, index: int, plan: tuple[PlanTask, ...] | None, *, ask: bool) -> None:
+        """Answer with a new plan for the rest, or with none."""
+        key = sorted(self.yard.questions)[index % len(self.yard.questions)]
+        self.yard.answer(key, *(plan or ()), ask_because=("a rule",) if ask else ())
 
     @rule(index=indexes, kind=st.sampled_from(SkillStatusKind), progress=st.floats(0, 1))
     def a_robot_obeys(self, index: int, kind: SkillStatusKind, progress: float) -> None:
@@ -215,7 +244,7 @@ class WholeCore(RuleBasedStateMachine):
         assert again.state.timers == self.yard.core.state.timers
         self.yard.core = again
         self.missions = list(again.state.missions.values())
-        self.yard.happen(Started(at=self.yard.now, epoch=again.state.epoch + 1))
+        self.yard.happen(Started(at=self.yard.now, epoch=again.state.epoch + 1, policy=self.policy))
         self.yard.see(SITE, list(self.yard.world.objects))
         for robot in SITE.robots:
             self.yard.robot_back(robot.id)
@@ -231,6 +260,17 @@ class WholeCore(RuleBasedStateMachine):
         ]
         assert len({robot_id for robot_id, _ in starts}) == len(starts)
         assert not [r for r, _ in starts if self.yard.core.state.robots[r].stopped]
+
+    def _answer_everything(self) -> None:
+        """Leave no question open: no new plans, and what waits for a decision is left out."""
+        for key in list(self.yard.questions):
+            self.yard.answer(key)
+        for mission in self.missions:
+            for task in list(mission.tasks.values()):
+                if task.awaits is Awaits.DECISION and is_possible(mission, MissionAction.SKIP):
+                    self.yard.control(mission, MissionAction.SKIP, task_id=task.task_id)
+            if is_possible(mission, MissionAction.REJECT):
+                self.yard.control(mission, MissionAction.REJECT)
 
     def teardown(self) -> None:
         """When everything works again, every mission ends."""
@@ -248,6 +288,7 @@ class WholeCore(RuleBasedStateMachine):
                 if is_possible(mission, action):
                     self.yard.control(mission, action)
         for _ in range(400):
+            self._answer_everything()
             if all(m.state.ended for m in self.missions):
                 break
             for (robot_id, ref), request in list(self.yard.outbox.items()):

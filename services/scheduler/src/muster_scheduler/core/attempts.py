@@ -3,7 +3,7 @@
 from muster_schemas.mission import TaskStatus
 from muster_schemas.robot import SkillStatus, SkillStatusKind, TaskRef
 
-from . import outcomes, readiness, requests
+from . import failures, lost, outcomes, readiness, requests
 from .effects import Hush, PublishAreas
 from .events import TaskDispatched
 from .rules import with_rules
@@ -224,12 +224,12 @@ def _end(turn: Turn, task: Task) -> None:
         turn.move(task, TaskStatus.CANCELLED)
     elif _may_repeat(turn, task):
         turn.move(task, TaskStatus.READY, task.error)
-        task.hold_until = turn.now + state.policy.retry_after_s
+        pause_s = failures.pause_s(failures.policy_of(state, task), task.failures) if task.failures else None
+        task.hold_until = turn.now + (state.policy.retry_after_s if pause_s is None else pause_s)
         turn.wake_at(task.hold_until, task)
         readiness.refresh(turn, task)
     else:
-        turn.move(task, TaskStatus.FAILED, task.error)
-        outcomes.task_failed(turn, mission, task)
+        failures.come_to_nothing(turn, task, task.error)
     outcomes.maybe_end(turn, mission)
 
 
@@ -245,7 +245,7 @@ def _may_repeat(turn: Turn, task: Task) -> bool:
         task.refusals += 1
         return task.refusals < policy.refusals
     task.failures += 1
-    return repeatable and task.failures <= policy.retries
+    return task.failures <= (failures.policy_of(turn.state, task).retries or 0)
 
 
 def _unknown_outcomes(task: Task) -> str | None:
@@ -274,19 +274,19 @@ def deferred(turn: Turn, task: Task, until: float, why: str) -> None:
 def time_passed(turn: Turn, task: Task) -> None:
     """Look at a task again at a time that it had set."""
     late = task.give_up_at is not None and turn.now >= task.give_up_at
+    lost_robot = lost.lost_too_long(turn.state, task, turn.now)
     if task.active:
+        if lost_robot is not None and task.closing is None:
+            close(turn, task, SkillStatusKind.FAILED, f"{lost_robot} was lost too long: what it did is not known")
         if late and task.closing is None:
             silent = ", ".join(r.robot_id for r in task.runs.values() if r.state is not SkillStatusKind.SUCCEEDED)
             close(turn, task, SkillStatusKind.FAILED, f"{silent}: the area rules are not obeyed")
         settle(turn, task)
     elif late and (task.missing or task.no_room):
         what = f"{', '.join(sorted(task.missing))} did not come back" if task.missing else task.no_room
-        mission = turn.state.missions[task.mission_id]
-        readiness.stop_waiting(turn, task)
-        task.error = f"gave up after waiting: {what}"
-        turn.move(task, TaskStatus.FAILED, task.error)
-        outcomes.task_failed(turn, mission, task)
-        outcomes.maybe_end(turn, mission)
+        failures.come_to_nothing(turn, task, f"gave up after waiting: {what}")
+    elif lost_robot is not None and task.state is TaskStatus.READY and task.awaits is None:
+        failures.come_to_nothing(turn, task, f"{lost_robot} was lost too long")
     elif task.hold_until is not None and turn.now >= task.hold_until:
         task.hold_until = None
         readiness.refresh(turn, task)

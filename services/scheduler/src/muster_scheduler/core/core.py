@@ -2,12 +2,13 @@
 
 from muster_schemas.mission import TaskStatus
 
-from . import archive, attempts, missions, outcomes, presence, readiness, stops
+from . import archive, attempts, failures, missions, presence, readiness, stops
 from .effects import Effect
 from .errors import NotPossibleError
 from .events import (
     AnyEvent,
     MissionControlled,
+    MissionReplanned,
     MissionsArchived,
     MissionSubmitted,
     ObjectsChanged,
@@ -25,7 +26,7 @@ from .events import (
     TaskImpossible,
     Tick,
 )
-from .state import Agenda, State, Task
+from .state import Agenda, State
 from .transitions import InvalidTransition
 from .turn import Turn
 
@@ -64,7 +65,9 @@ class Core:
             case MissionSubmitted():
                 missions.submit(turn, event)
             case MissionControlled():
-                missions.control(turn, event.control)
+                missions.control(turn, event)
+            case MissionReplanned():
+                failures.replanned(turn, event)
             case MissionsArchived():
                 archive.forget(turn, event)
             case Tick():
@@ -99,7 +102,7 @@ class Core:
             case TaskDeferred():
                 attempts.deferred(turn, task, event.until, event.waiting_for)
             case TaskImpossible():
-                self._fail(turn, task, event.reason)
+                failures.come_to_nothing(turn, task, event.reason)
 
     @staticmethod
     def _bind(turn: Turn, event: SelectorBound) -> None:
@@ -113,12 +116,3 @@ class Core:
             # whoever stood back for this one may have them beside it, or find others
             if robot_id in turn.state.robots:
                 readiness.robot_changed(turn, turn.state.robots[robot_id])
-
-    @staticmethod
-    def _fail(turn: Turn, task: Task, reason: str) -> None:
-        mission = turn.state.missions[task.mission_id]
-        readiness.stop_waiting(turn, task)
-        task.error = reason
-        turn.move(task, TaskStatus.FAILED, reason)
-        outcomes.task_failed(turn, mission, task)
-        outcomes.maybe_end(turn, mission)

@@ -7,6 +7,7 @@ from muster_schemas.base import Message
 from muster_schemas.ids import Id
 from muster_schemas.mission import MissionState, TaskState
 from muster_schemas.robot import SkillRequest, StatusAck, TaskRef
+from muster_schemas.rpc import ReplanMission
 from muster_schemas.stops import StopRequest
 from muster_schemas.world import AreaRules
 
@@ -52,6 +53,13 @@ class Acknowledge(Message):
     kind: Literal["acknowledge"] = "acknowledge"
     skill: Id
     ack: StatusAck
+
+
+class AskPlanner(Message):
+    """Ask the planner for a new plan for the rest of a mission; its answer comes back as an event."""
+
+    kind: Literal["ask_planner"] = "ask_planner"
+    request: ReplanMission
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,6 +121,7 @@ Effect = (
     | SendStop
     | HushStop
     | Acknowledge
+    | AskPlanner
     | PublishMission
     | PublishTask
     | RetractTask

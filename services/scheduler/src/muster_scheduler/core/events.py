@@ -7,8 +7,9 @@ from typing import Annotated, Literal
 
 from muster_schemas.base import Message, Pose, Seconds, UnixTime
 from muster_schemas.ids import Id
-from muster_schemas.mission import Approval, InstructionText, Priority
+from muster_schemas.mission import Approval, InstructionText, Priority, Reason
 from muster_schemas.plan import PlanTask
+from muster_schemas.policies import ApprovalRule, FailurePolicies
 from muster_schemas.robot import RobotCard, SkillStatus, TargetObject
 from muster_schemas.rpc import ControlMission
 from muster_schemas.skills import Skill
@@ -32,6 +33,8 @@ class Policy(Message):
         default=300.0, description="one step of priority is worth so much waiting; missions nearer than half are peers"
     )
     rules_wait_s: Seconds = Field(default=60.0, description="how long a robot may take to obey new area rules")
+    failures: FailurePolicies = FailurePolicies()
+    approval: tuple[ApprovalRule, ...] = ()
 
 
 class Event(Message):
@@ -59,6 +62,7 @@ class MissionSubmitted(Event):
     priority: Priority = 5
     approval: Approval = "auto"
     idempotency_key: str | None = None
+    ask_because: tuple[str, ...] = Field(default=(), description="why the site's rules want a person to see the plan")
 
 
 class MissionControlled(Event):
@@ -66,6 +70,19 @@ class MissionControlled(Event):
 
     kind: Literal["mission_controlled"] = "mission_controlled"
     control: ControlMission
+    ask_because: tuple[str, ...] = Field(default=(), description="why the site's rules want a person to see its plan")
+
+
+class MissionReplanned(Event):
+    """The planner's answer about a task that failed: a new plan for the rest, which has passed the gate, or none."""
+
+    kind: Literal["mission_replanned"] = "mission_replanned"
+    mission_id: Id
+    task_id: Id
+    number: int = Field(ge=1)
+    tasks: tuple[PlanTask, ...] | None = None
+    reasons: tuple[Reason, ...] = ()
+    ask_because: tuple[str, ...] = ()
 
 
 class MissionsArchived(Event):
@@ -198,6 +215,7 @@ AnyEvent = Annotated[
     | MissionSubmitted
     | MissionControlled
     | MissionsArchived
+    | MissionReplanned
     | RobotOnline
     | RobotOffline
     | RulesObeyed

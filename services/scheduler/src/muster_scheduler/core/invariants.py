@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from muster_schemas.mission import MissionStatus, TaskStatus
 
-from .state import Mission, State, Task
+from .state import Awaits, Mission, State, Task
 
 
 def validate(state: State) -> None:
@@ -36,7 +36,9 @@ def _mission(state: State, mission: Mission) -> Iterator[str]:
         yield f"{name} miscounts its open tasks"
     if mission.active != {t.task_id for t in tasks if t.active}:
         yield f"{name} mistakes which tasks are active"
-    if mission.unsuccessful != sum(t.state.ended and t.state is not TaskStatus.SUCCEEDED for t in tasks):
+    if mission.unsuccessful != sum(
+        t.state.ended and t.state is not TaskStatus.SUCCEEDED and not t.excused for t in tasks
+    ):
         yield f"{name} miscounts what did not succeed"
     if mission.state.ended and mission.open_tasks:
         yield f"{name} is {mission.state} with open tasks"
@@ -51,7 +53,7 @@ def _mission(state: State, mission: Mission) -> Iterator[str]:
 
 
 def _task(state: State, mission: Mission, task: Task) -> Iterator[str]:
-    unmet = {d for d in task.dependencies if mission.tasks[d].state is not TaskStatus.SUCCEEDED}
+    unmet = {d for d in task.dependencies if not _counts_as_done(mission.tasks[d])}
     if task.unmet != unmet:
         yield f"says that it still waits for {sorted(task.unmet)}, not {sorted(unmet)}"
     begun = task.active or task.state in (TaskStatus.READY, TaskStatus.SUCCEEDED, TaskStatus.FAILED)
@@ -64,10 +66,18 @@ def _task(state: State, mission: Mission, task: Task) -> Iterator[str]:
     may_wait = not task.state.ended and not task.active and mission.state is not MissionStatus.PLANNING
     if may_wait and not task.waiting_for and task.key not in state.agenda.tasks:
         yield "does not say what it waits for"
+    if task.awaits is not None and (task.state is not TaskStatus.READY or not task.error):
+        yield f"awaits {task.awaits} without having failed"
+    if (task.awaits is Awaits.APPROVAL) != (task.proposal is not None):
+        yield "awaits approval of no plan, or has one that nobody is to approve"
     if task.state.ended and task.waiting_for:
         yield "has ended and waits"
     if task.state is TaskStatus.SUCCEEDED and any(not r.over for r in task.runs.values()):
         yield "succeeded before all of its robots did"
+
+
+def _counts_as_done(task: Task) -> bool:
+    return task.state is TaskStatus.SUCCEEDED or task.waived
 
 
 def _attempt(state: State, task: Task) -> Iterator[str]:
@@ -100,7 +110,10 @@ def _queues(state: State) -> Iterator[str]:
         for m in state.missions.values()
         if m.state is MissionStatus.RUNNING and not m.cancelling
         for t in m.tasks.values()
-        if t.state is TaskStatus.READY and not t.missing and (t.hold_until is None or t.hold_until <= state.now)
+        if t.state is TaskStatus.READY
+        and not t.missing
+        and t.awaits is None
+        and (t.hold_until is None or t.hold_until <= state.now)
     }
     # a hold that is just over is noticed by the tick that it has set
     late = {t.key for m in state.missions.values() for t in m.tasks.values() if t.hold_until is not None}

@@ -8,15 +8,18 @@ from muster_schemas.plan import PlanTask
 from muster_schemas.robot import SkillStatusKind
 from muster_schemas.rpc import ControlMission, ErrorCode, MissionAction
 
-from . import attempts, outcomes, readiness, requests
-from .effects import RetractTask
+from . import attempts, failures, outcomes, plans, readiness, requests
 from .errors import NotPossibleError
-from .events import MissionSubmitted
-from .graph import TaskGraph
-from .state import Mission, Selector, State, Task
+from .events import MissionControlled, MissionSubmitted
+from .state import Mission, State
 from .turn import Turn
 
 S = MissionStatus
+
+DECISIONS: Final = (MissionAction.RETRY, MissionAction.SKIP, MissionAction.REPLAN)
+"""About one task that failed and waits for a person."""
+ON_PROPOSALS: Final = (MissionAction.SET_PLAN, MissionAction.APPROVE, MissionAction.REJECT)
+"""Also about a running mission, if it has a new plan for its rest that awaits approval."""
 
 
 def submit(turn: Turn, event: MissionSubmitted) -> None:
@@ -42,16 +45,17 @@ def submit(turn: Turn, event: MissionSubmitted) -> None:
     state.by_state[mission.state][mission.mission_id] = None
     turn.touch_mission(mission)
     if event.tasks is not None:
-        _set_plan(turn, mission, event.tasks)
+        plans.set_plan(turn, mission, event.tasks, event.ask_because)
 
 
-def control(turn: Turn, control: ControlMission) -> None:
+def control(turn: Turn, event: MissionControlled) -> None:
     """Act on a mission; what has been done already is done again without effect.
 
     Raises:
         NotPossibleError: there is no such mission, or its state does not allow the action.
 
     """
+    control = event.control
     mission = turn.state.missions.get(control.mission_id)
     if mission is None:
         raise NotPossibleError(ErrorCode.NOT_FOUND, f"there is no mission {control.mission_id}")
@@ -62,17 +66,29 @@ def control(turn: Turn, control: ControlMission) -> None:
         raise NotPossibleError(
             ErrorCode.CONFLICT, f"mission {mission.mission_id} is {stands}: {control.action} is not possible now"
         )
+    if control.plan_revision not in (None, mission.plan_revision):
+        raise NotPossibleError(
+            ErrorCode.CONFLICT,
+            f"the plan of {mission.mission_id} has changed meanwhile: it is at revision {mission.plan_revision}, and"
+            f" this is about {control.plan_revision}. Look at it again; nothing was changed",
+        )
     if control.action is MissionAction.SET_PLAN:
         if control.plan is None:
             raise NotPossibleError(ErrorCode.INVALID, "set_plan needs a plan")
-        _set_plan(turn, mission, control.plan.tasks)
+        _edit(turn, mission, control.plan.tasks, event.ask_because)
+    elif control.action in DECISIONS:
+        failures.decide(turn, mission, control)
     else:
         _ACTIONS[control.action](turn, mission, control.reasons)
 
 
 def is_possible(mission: Mission, action: MissionAction) -> bool:
     """Return whether the mission's state allows the action."""
-    return mission.state in _ALLOWED[action] and not (mission.cancelling and action is not MissionAction.CANCEL)
+    if mission.cancelling:
+        return action is MissionAction.CANCEL
+    if action in ON_PROPOSALS and mission.state is S.RUNNING:
+        return bool(failures.proposals(mission))
+    return mission.state in _ALLOWED[action]
 
 
 def changes_nothing(state: State, control: ControlMission) -> bool:
@@ -86,70 +102,24 @@ def is_so_already(mission: Mission, control: ControlMission) -> bool:
     if control.action is MissionAction.CANCEL and mission.cancelling:
         return True
     if control.action is MissionAction.SET_PLAN:
-        return control.plan is not None and mission.plan == control.plan.tasks
-    if control.action is MissionAction.APPROVE and mission.approval == "auto":
+        stale = control.plan_revision not in (None, mission.plan_revision)
+        return control.plan is not None and mission.plan == control.plan.tasks and not stale
+    if control.action is MissionAction.APPROVE and (not mission.approved or failures.proposals(mission)):
         return False
     return mission.state in _DONE[control.action]
 
 
-def _set_plan(turn: Turn, mission: Mission, plan: tuple[PlanTask, ...]) -> None:
-    for task_id in mission.tasks:
-        turn.effects.append(RetractTask(mission_id=mission.mission_id, task_id=task_id))
-    first_revision = max((t.revision for t in mission.tasks.values()), default=0)
-    mission.plan = plan
-    ids = {t.task: f"t{number}" for number, t in enumerate(plan, 1)}
-    mission.tasks = {
-        ids[t.task]: _task(turn.state, mission, index, t, ids, first_revision) for index, t in enumerate(plan)
-    }
-    mission.graph = TaskGraph({t.task_id: t.dependencies for t in mission.tasks.values()})
-    mission.selectors = frozenset(t.selector for t in mission.tasks.values() if t.selector is not None)
-    mission.named = frozenset(r for t in mission.tasks.values() for r in t.named)
-    mission.open_tasks = len(mission.tasks)
-    to = S.RUNNING if mission.approval == "auto" else S.AWAITING_APPROVAL
-    if mission.state is not to:
-        turn.move_mission(mission, to)
+def _edit(turn: Turn, mission: Mission, plan: tuple[PlanTask, ...], ask_because: tuple[str, ...]) -> None:
+    """Take the planner's plan, a person's instead of it, or a person's instead of a new plan for the rest."""
+    edited = failures.proposals(mission) if mission.state is S.RUNNING else ()
+    if not edited:
+        plans.set_plan(turn, mission, plan, ask_because)
+        return
+    if len(edited) > 1:
+        raise NotPossibleError(ErrorCode.CONFLICT, "several new plans await approval; approve or reject them first")
+    edited[0].proposal = plan
+    mission.plan_revision += 1
     turn.touch_mission(mission)
-    for task in mission.tasks.values():
-        turn.touch(task)
-    _begin(turn, mission)
-
-
-def _begin(turn: Turn, mission: Mission) -> None:
-    if mission.state is S.RUNNING:
-        mission.urgency = turn.now + (9 - mission.priority) * turn.state.policy.ageing_s
-        turn.state.agenda.missions[mission.mission_id] = None
-        for task in mission.tasks.values():
-            task.order = (mission.urgency, *task.order[1:])
-    for task in mission.tasks.values():
-        if mission.state is S.RUNNING and not task.unmet:
-            outcomes.make_ready(turn, mission, task)
-        else:
-            readiness.set_waiting(turn, task)
-
-
-def _task(
-    state: State, mission: Mission, index: int, planned: PlanTask, ids: dict[str, str], revision: int
-) -> Task:  # fmt: skip
-    function = planned.instruction_function
-    skill = state.catalogue[function.name]
-    count = function.robot_count if isinstance(function.robot_count, int) else None
-    everyone = skill.fleet_wide and not function.robot_ids and not function.robot_type
-    selector = Selector(function.robot_type, count) if function.robot_type or everyone else None
-    dependencies = tuple(dict.fromkeys(ids[d] for d in function.dependencies))
-    return Task(
-        mission_id=mission.mission_id,
-        task_id=ids[planned.task],
-        order=(0.0, mission.number, index),
-        name=planned.task,
-        skill=skill,
-        named=function.robot_ids,
-        selector=selector,
-        objects=tuple(dict.fromkeys(function.object_keywords)),
-        dependencies=dependencies,
-        unmet=set(dependencies),
-        robots=() if selector else function.robot_ids,
-        revision=revision,
-    )
 
 
 def _refuse(turn: Turn, mission: Mission, reasons: tuple[Reason, ...]) -> None:
@@ -159,9 +129,21 @@ def _refuse(turn: Turn, mission: Mission, reasons: tuple[Reason, ...]) -> None:
     turn.move_mission(mission, S.REJECTED)
 
 
+def _reject(turn: Turn, mission: Mission, reasons: tuple[Reason, ...]) -> None:
+    if mission.state is S.RUNNING:
+        failures.reject(turn, mission, reasons)
+    else:
+        _refuse(turn, mission, reasons)
+
+
 def _approve(turn: Turn, mission: Mission, _reasons: tuple[Reason, ...]) -> None:
+    if mission.state is S.RUNNING:
+        failures.approve(turn, mission)
+        return
+    mission.approved = True
+    mission.reasons = ()
     turn.move_mission(mission, S.RUNNING)
-    _begin(turn, mission)
+    plans.start(turn, mission)
 
 
 def _pause(turn: Turn, mission: Mission, _reasons: tuple[Reason, ...]) -> None:
@@ -188,6 +170,7 @@ def _cancel(turn: Turn, mission: Mission, _reasons: tuple[Reason, ...]) -> None:
     for task in mission.tasks.values():
         if task.state in (TaskStatus.WAITING, TaskStatus.READY):
             readiness.stop_waiting(turn, task)
+            task.awaits = task.proposal = None
             turn.move(task, TaskStatus.CANCELLED)
     for task_id in sorted(mission.active):
         task = mission.tasks[task_id]
@@ -201,7 +184,7 @@ def _cancel(turn: Turn, mission: Mission, _reasons: tuple[Reason, ...]) -> None:
 _ACTIONS: Final[dict[MissionAction, Callable[[Turn, Mission, tuple[Reason, ...]], None]]] = {
     MissionAction.REFUSE: _refuse,
     MissionAction.APPROVE: _approve,
-    MissionAction.REJECT: _refuse,
+    MissionAction.REJECT: _reject,
     MissionAction.CANCEL: _cancel,
     MissionAction.PAUSE: _pause,
     MissionAction.RESUME: _resume,
@@ -214,9 +197,9 @@ _ALLOWED: Final = {
     MissionAction.CANCEL: (S.PLANNING, S.AWAITING_APPROVAL, S.RUNNING, S.PAUSED),
     MissionAction.PAUSE: (S.RUNNING,),
     MissionAction.RESUME: (S.PAUSED,),
-    MissionAction.RETRY: (),
-    MissionAction.SKIP: (),
-    MissionAction.REPLAN: (),
+    MissionAction.RETRY: (S.RUNNING, S.PAUSED),
+    MissionAction.SKIP: (S.RUNNING, S.PAUSED),
+    MissionAction.REPLAN: (S.RUNNING, S.PAUSED),
 }
 _DONE: Final = {
     MissionAction.REFUSE: (S.REJECTED,),

@@ -5,7 +5,7 @@ from typing import Final
 from muster_schemas.mission import MissionStatus, Reason, TaskStatus
 from muster_schemas.robot import SkillStatusKind
 
-from . import readiness
+from . import lost, readiness
 from .state import Mission, Run, Task
 from .turn import Turn
 
@@ -33,6 +33,7 @@ def make_ready(turn: Turn, mission: Mission, task: Task) -> None:
     turn.move(task, TaskStatus.READY)
     readiness.bind(turn, mission, task)
     readiness.refresh(turn, task)
+    lost.watch(turn, task)
 
 
 def task_succeeded(turn: Turn, mission: Mission, task: Task) -> None:

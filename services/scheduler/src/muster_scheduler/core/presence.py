@@ -4,10 +4,10 @@ import heapq
 
 from muster_schemas.skills import Catalogue
 
-from . import attempts, readiness, requests, stops
+from . import attempts, failures, lost, readiness, requests, stops
 from .effects import PublishAreas, PublishMission, PublishTask
 from .events import ObjectsChanged, RobotOffline, RobotOnline, RulesObeyed, Started
-from .state import Presence, Robot
+from .state import Awaits, Presence, Robot
 from .turn import Turn
 
 RECENT_ENDED = 100
@@ -65,6 +65,8 @@ def started(turn: Turn, event: Started) -> None:
                     requests.sync(turn, task)
                 else:
                     readiness.refresh(turn, task)
+                if task.awaits is Awaits.PLANNER:
+                    turn.effects.append(failures.replan_request(mission, task))
                 turn.touch(task)
 
 
@@ -75,6 +77,7 @@ def robot_online(turn: Turn, event: RobotOnline) -> None:
         robot = turn.state.robots[event.card.robot_id] = Robot(card=event.card)
     robot.card = event.card
     robot.presence = Presence.ONLINE
+    robot.lost_at = None
     stops.bring_in_line(turn, robot)
     stops.ask(turn, robot)
     requests.chase(turn, robot)
@@ -88,6 +91,11 @@ def robot_offline(turn: Turn, event: RobotOffline) -> None:
     if robot is None:
         return
     robot.presence = Presence.OFFLINE
+    robot.lost_at = turn.now if robot.lost_at is None else robot.lost_at
+    waiting = turn.state.wanting_robot.get(robot.card.robot_id)
+    for task in [turn.state.task(key) for key in waiting.waiting] if waiting else ():
+        if task is not None:
+            lost.watch(turn, task)
     _work_of(turn, robot)
     readiness.fleet_changed(turn, robot)
 
@@ -96,6 +104,7 @@ def _work_of(turn: Turn, robot: Robot) -> None:
     for key in [*robot.rule_tasks, *([robot.holder] if robot.holder else [])]:
         task = turn.state.task(key)
         if task is not None and task.active:
+            lost.watch(turn, task)
             requests.sync(turn, task)
             attempts.settle(turn, task)
 

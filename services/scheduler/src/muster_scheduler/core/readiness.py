@@ -21,7 +21,7 @@ def refresh(turn: Turn, task: Task) -> None:
     mission = state.missions[task.mission_id]
     may_run = mission.state is MissionStatus.RUNNING and not mission.cancelling
     held = task.hold_until is not None and task.hold_until > turn.now
-    if task.state is TaskStatus.READY and may_run:
+    if task.state is TaskStatus.READY and may_run and task.awaits is None:
         _watch_objects(turn, task)
         if task.missing or held:
             leave_queues(turn, task)
@@ -61,6 +61,8 @@ def _reasons_of_waiting(task: Task) -> tuple[str, ...]:
 def _reasons_of_ready(turn: Turn, mission: Mission, task: Task) -> tuple[str, ...]:
     if mission.state is MissionStatus.PAUSED:
         return ("resume",)
+    if task.awaits is not None:
+        return (f"{task.awaits}: {task.error}",)
     if task.missing:
         return tuple(f"object: {o}" for o in sorted(task.missing))
     if task.hold_until is not None and task.hold_until > turn.now:

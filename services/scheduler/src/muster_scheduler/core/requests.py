@@ -3,7 +3,7 @@
 from muster_schemas.mission import MissionStatus
 from muster_schemas.robot import RequestAction, SkillRequest, SkillStatus, SkillStatusKind, StatusAck
 
-from . import readiness
+from . import failures, readiness
 from .effects import Acknowledge, Hush, Send
 from .events import Order
 from .state import Robot, Run, State, Task
@@ -62,7 +62,7 @@ def _request(state: State, task: Task, order: Order, action: RequestAction, boot
         skill=task.skill.name,
         issued_at=state.now,
         deadline=state.now,
-        timeout_s=task.skill.timeout_s,
+        timeout_s=failures.policy_of(state, task).timeout_s or task.skill.timeout_s,
         objects=task.targets,
         goals=order.goals,
         partner=order.partner,

@@ -10,6 +10,7 @@ from typing import Annotated
 
 from muster_schemas.mission import Approval, MissionStatus, Reason, TaskStatus
 from muster_schemas.plan import PlanTask
+from muster_schemas.policies import FailurePolicy
 from muster_schemas.robot import (
     RequestAction,
     RobotCard,
@@ -41,6 +42,17 @@ class Presence(StrEnum):
     """Not heard of since this scheduler started."""
     ONLINE = "online"
     OFFLINE = "offline"
+
+
+class Awaits(StrEnum):
+    """Who has the next word on a task that failed."""
+
+    DECISION = "decision"
+    """A person: retry, skip, replan, or cancel the mission."""
+    PLANNER = "replan"
+    """The planner, with a new plan for it and what comes after it."""
+    APPROVAL = "approval"
+    """A person, who is to see that new plan first."""
 
 
 @dataclass(slots=True, frozen=True)
@@ -79,6 +91,16 @@ class Run:
     def over(self) -> bool:
         """Whether nothing more will be heard of it that counts."""
         return self.state is not None and self.state.final
+
+    @property
+    def never_moved(self) -> bool:
+        """Whether its robot has said that it did nothing."""
+        return self.state in (SkillStatusKind.REFUSED, SkillStatusKind.UNKNOWN) and not self.lost
+
+    @property
+    def failed(self) -> bool:
+        """Whether it is this robot that did not do its part (and not one that was only told to stop with it)."""
+        return self.over and self.state not in (SkillStatusKind.SUCCEEDED, SkillStatusKind.CANCELLED)
 
 
 @dataclass(slots=True)
@@ -119,6 +141,19 @@ class Task:
     kept_for: str | None = None
     """What they are kept for, as `waiting_for` says it."""
     error: str | None = None
+    on_failure: FailurePolicy | None = None
+    """Its own policy, of what the site's says otherwise."""
+    measures: int = 0
+    """How many of its policy's measures have been taken."""
+    awaits: Awaits | None = None
+    """It failed, and stays ready but still until someone says what now."""
+    replan_number: int = 0
+    """Of the newest question to the planner about it."""
+    proposal: tuple[PlanTask, ...] | None = None
+    """The planner's new plan for it and what comes after it, while that awaits approval."""
+    excused: bool = False
+    """A person goes on without it, or a new plan took its place: the mission may succeed all the same."""
+    skipped_by_person: bool = False
     revision: int = 0
     ready_at: float | None = None
     started_at: float | None = None
@@ -138,6 +173,11 @@ class Task:
     def ref(self) -> TaskRef:
         """Return what names the current attempt."""
         return TaskRef(mission_id=self.mission_id, task_id=self.task_id, attempt=self.attempt)
+
+    @property
+    def waived(self) -> bool:
+        """Whether a person goes on without it, so that what depends on it may begin."""
+        return self.state is TaskStatus.SKIPPED and self.skipped_by_person
 
     @property
     def active(self) -> bool:
@@ -184,6 +224,14 @@ class Mission:
     tasks: dict[str, Task] = field(default_factory=dict[str, Task])
     bound: dict[str, tuple[str, ...]] = field(default_factory=dict[str, tuple[str, ...]])
     """Selector's name -> its robots."""
+    barred: dict[str, frozenset[str]] = field(default_factory=dict[str, frozenset[str]])
+    """Selector's name -> robots that it shall not mean (again), because they failed."""
+    replans: int = 0
+    """New plans that the planner was asked for."""
+    plan_revision: int = 0
+    """Grows with every change of the plan and with every new one that awaits approval."""
+    approved: bool = False
+    """A person has approved the plan."""
     open_tasks: int = 0
     unsuccessful: int = 0
     active: set[str] = field(default_factory=set[str])
@@ -236,6 +284,8 @@ class Robot:
     presence: Presence = Presence.ONLINE
     holder: TaskKey | None = None
     """The task that it is reserved for."""
+    lost_at: float | None = None
+    """Since when it has been lost."""
     loose_ends: dict[TaskKey, LooseEnd] = field(default_factory=dict[TaskKey, LooseEnd])
     rules_revision: int = 0
     rule_tasks: dict[TaskKey, None] = field(default_factory=dict[TaskKey, None])

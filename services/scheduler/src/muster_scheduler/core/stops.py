@@ -6,7 +6,7 @@ A robot is stopped while it or the whole site is. Its work stands still with it,
 from collections.abc import Iterable
 
 from muster_schemas.rpc import ErrorCode
-from muster_schemas.stops import NO_ANSWER, NOT_REACHABLE, StopReply, StopRequest, StopStatus
+from muster_schemas.stops import NO_ANSWER, NOT_REACHABLE, StopReply, StopRequest, StopRobots, StopStatus
 
 from . import readiness, requests
 from .effects import HushStop, SendStop
@@ -38,6 +38,14 @@ def order(turn: Turn, event: StopOrdered) -> None:
         robot.stopped_alone = event.stop
     for robot in _meant(state, event.robot_id):
         bring_in_line(turn, robot)
+
+
+def changes_nothing(state: State, wish: StopRobots) -> bool:
+    """Return whether what is wanted stopped or released is so already."""
+    if wish.robot_id is None:
+        return state.stopped == wish.stop
+    robot = state.robots.get(wish.robot_id)
+    return robot is not None and robot.stopped_alone == wish.stop and (wish.stop or not state.stopped)
 
 
 def bring_in_line(turn: Turn, robot: Robot) -> None:

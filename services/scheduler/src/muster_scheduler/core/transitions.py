@@ -12,6 +12,7 @@ TASK_MOVES: Final[dict[tuple[T, T], str]] = {
     (T.WAITING, T.CANCELLED): "its mission was cancelled",
     (T.READY, T.DISPATCHED): "its robots are reserved and have their requests",
     (T.READY, T.FAILED): "it cannot be done, or what it needs did not come in time",
+    (T.READY, T.SKIPPED): "it failed, and a person goes on without it",
     (T.READY, T.CANCELLED): "its mission was cancelled",
     (T.DISPATCHED, T.RUNNING): "a robot has started",
     (T.DISPATCHED, T.PAUSED): "its robots are paused",

@@ -52,7 +52,7 @@ class Turn:
             task.ended_at = self.now
             task.waiting_for = ()
             mission.open_tasks -= 1
-            mission.unsuccessful += to is not TaskStatus.SUCCEEDED
+            mission.unsuccessful += to is not TaskStatus.SUCCEEDED and not task.excused
         self.touch(task)
 
     def move_mission(self, mission: Mission, to: MissionStatus) -> None:

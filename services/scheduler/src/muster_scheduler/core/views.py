@@ -40,6 +40,7 @@ def mission_state(mission: Mission) -> MissionState:
         priority=mission.priority,
         approval=mission.approval,
         reasons=mission.reasons,
+        plan_revision=mission.plan_revision,
         created_at=mission.created_at,
         started_at=mission.started_at,
         ended_at=mission.ended_at,
@@ -51,5 +52,8 @@ def mission_view(mission: Mission) -> MissionView:
     tasks = mission.plan
     plan = Plan(tasks=tasks) if tasks is not None and len(tasks) <= MAX_TASKS else None
     return MissionView(
-        mission=mission_state(mission), plan=plan, tasks=tuple(task_state(t) for t in mission.tasks.values())
+        mission=mission_state(mission),
+        plan=plan,
+        proposals={t.task_id: Plan(tasks=t.proposal) for t in mission.tasks.values() if t.proposal is not None},
+        tasks=tuple(task_state(t) for t in mission.tasks.values()),
     )

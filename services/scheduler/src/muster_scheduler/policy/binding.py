@@ -80,7 +80,9 @@ def wanted_elsewhere(mission: Mission, selector: Selector) -> frozenset[str]:
 
 
 def able(mission: Mission, selector: Selector, card: RobotCard) -> bool:
-    """Return whether a robot has all the skills that the mission wants of a selector."""
+    """Return whether a robot has all the skills that the mission wants of a selector, and has not failed it."""
+    if card.robot_id in mission.barred.get(selector.name, ()):
+        return False
     skills = {t.skill.name for t in mission.tasks.values() if t.selector == selector}
     return skills <= set(card.skills)
 
