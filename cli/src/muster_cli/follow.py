@@ -83,7 +83,10 @@ class _News:
         for task in view.tasks:
             robots = ", ".join(short_robot(r) for r in task.robots)
             what = " ".join((short_skill(task.skill), *task.objects))
+            decision = next((w for w in task.waiting_for if w.startswith("decision: ")), None)
             error = f" ({task.error})" if task.error else ""
+            if decision is not None:
+                error += f"; say muster retry, skip or replan {task.mission_id} {task.task_id}, or muster cancel"
             self._once(task.task_id, f"  {task.name}: {what} [{robots}] {task.state.value}{error}")
         for number, reason in enumerate(mission.reasons):
             self._once(f"reason {number}", f"  {reason.message}")

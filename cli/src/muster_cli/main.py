@@ -15,9 +15,10 @@ from rich.console import Console
 
 from . import demo as demo_run
 from . import evaluation, plans, site
+from .editing import edit_from_file, edit_in_editor
 from .errors import CliError
 from .follow import follow
-from .ids import checked_mission_id
+from .ids import checked_mission_id, checked_robot_id, checked_task_id
 from .monitor import print_lines, show_table
 from .processes import Driver
 from .record import DataDirectory
@@ -37,6 +38,8 @@ _out = Console()
 SiteFile = Annotated[Path | None, typer.Option("--site", help="The site's file; left out: MUSTER_SITE_FILE.")]
 MissionId = Annotated[str, typer.Argument(metavar="ID", help="The mission, as `muster missions` shows it.")]
 PLANNERS = "embedded, ollama:MODEL, openai:MODEL or anthropic:MODEL."
+TaskId = Annotated[str, typer.Argument(metavar="TASK", help="The task, as `muster missions ID` shows it: t2.")]
+RobotId = Annotated[str | None, typer.Argument(metavar="[ROBOT]", help="The robot's id; left out: all.")]
 Planner = Annotated[str, typer.Option(help=PLANNERS, envvar="MUSTER_PLANNER")]
 Speed = Annotated[float, typer.Option(min=0.1, max=100, help="Simulated seconds in each second.")]
 
@@ -117,6 +120,50 @@ _action("pause", "Halt a mission's robots until `muster resume`.")
 _action("resume", "Let a paused mission go on.")
 _action("approve", "Let a plan that awaits approval run.")
 _action("reject", "Turn a plan down that awaits approval.")
+
+
+def _decision(name: str, what: str) -> None:
+    def decide(mission_id: MissionId, task_id: TaskId) -> None:
+        with _api() as api:
+            reply = api.decide(checked_mission_id(mission_id), checked_task_id(task_id), name)
+        _out.print(f"{mission_id}: {reply.state.value.replace('_', ' ')}", highlight=False)
+
+    app.command(name, help=what)(decide)
+
+
+_decision("retry", "Try a task again that failed and waits for a decision.")
+_decision("skip", "Go on without a task that failed and waits for a decision.")
+_decision("replan", "Have such a task, and what comes after it, planned anew.")
+
+
+@app.command()
+def edit(
+    mission_id: MissionId,
+    file: Annotated[Path | None, typer.Option(help="A plan as JSON; left out: the editor opens.")] = None,
+) -> None:
+    """Edit a plan that awaits approval. A plan that cannot run is refused and changes nothing."""
+    with _api() as api:
+        if file is not None:
+            edit_from_file(api, checked_mission_id(mission_id), file, _out)
+        else:
+            edit_in_editor(api, checked_mission_id(mission_id), _out)
+
+
+def _stopping(name: str, what: str, *, stop: bool) -> None:
+    def act(robot_id: RobotId = None) -> None:
+        checked = None if robot_id is None else checked_robot_id(robot_id)
+        with _api() as api:
+            reply = api.stop(checked, stop=stop)
+        if reply.site_stopped:
+            _out.print("the site is stopped; `muster release` lets it go on", highlight=False)
+        for robot, known in reply.robots.items():
+            _out.print(f"  {robot}: {known}", markup=False, highlight=False)
+
+    app.command(name, help=what)(act)
+
+
+_stopping("stop", "Have a robot, or everything, stand still until `muster release`.", stop=True)
+_stopping("release", "Let a stopped robot, or everything, go on.", stop=False)
 
 
 @app.command()

@@ -8,6 +8,7 @@ import httpx
 from muster_schemas.mission import Approval, MissionView
 from muster_schemas.plan import Plan
 from muster_schemas.rpc import ControlReply
+from muster_schemas.stops import StopReply
 from pydantic import ValidationError
 
 from .errors import CliError
@@ -20,9 +21,9 @@ class Unreachable(CliError):  # noqa: N818  (a state of the site, told to the op
 class OperatorApi:
     """A connection to one site's interface."""
 
-    def __init__(self, url: str, token: str | None) -> None:
+    def __init__(self, url: str, token: str | None, transport: httpx.BaseTransport | None = None) -> None:
         headers = {"Authorization": f"Bearer {token}"} if token else {}
-        self._client = httpx.Client(base_url=url, headers=headers, timeout=10.0)
+        self._client = httpx.Client(base_url=url, headers=headers, timeout=10.0, transport=transport)
         self._url = url
 
     def __enter__(self) -> Self:
@@ -57,6 +58,30 @@ class OperatorApi:
         """Approve, reject, cancel, pause or resume a mission; returns its new state and what the robots answered."""
         return ControlReply.model_validate(self._call("POST", f"/missions/{mission_id}/{action}"))
 
+    def stop(self, robot_id: str | None, *, stop: bool) -> StopReply:
+        """Stop or release one robot, or everything; returns what is known of each."""
+        where = f"/robots/{robot_id}" if robot_id is not None else ""
+        return StopReply.model_validate(self._call("POST", f"{where}/{'stop' if stop else 'release'}"))
+
+    def decide(self, mission_id: str, task_id: str, action: str) -> ControlReply:
+        """Retry, skip or plan anew a task that waits for a decision."""
+        return ControlReply.model_validate(self._call("POST", f"/missions/{mission_id}/tasks/{task_id}/{action}"))
+
+    def plan(self, mission_id: str) -> dict[str, Any]:
+        """Return the plan that can be edited now, in the published form."""
+        data = self._call("GET", f"/missions/{mission_id}")
+        proposals: dict[str, dict[str, Any]] = data["proposals"]
+        plan: dict[str, Any] | None = next(iter(proposals.values()), None) or data["plan"]
+        if plan is None:
+            raise CliError(f"{mission_id} has no plan yet.")
+        return plan
+
+    def edit(self, mission_id: str, plan: dict[str, Any], plan_revision: int) -> None:
+        """Replace a plan, if it still is at that revision."""
+        self._call(
+            "PUT", f"/missions/{mission_id}/plan", json=plan, params={"plan_revision": plan_revision}, timeout=30.0
+        )
+
     def _call(self, method: str, path: str, **rest: Any) -> Any:
         try:
             answer = self._client.request(method, path, **rest)
@@ -78,7 +103,9 @@ def _view(data: dict[str, Any]) -> MissionView:
     same = {"mission_id": data["mission_id"], "revision": data["revision"]}
     tasks = [{**task, **same, "attempt": task["attempts"]} for task in data["tasks"]]
     try:
-        return MissionView.model_validate({"mission": data, "plan": data["plan"], "tasks": tasks})
+        return MissionView.model_validate(
+            {"mission": data, "plan": data["plan"], "proposals": data["proposals"], "tasks": tasks}
+        )
     except ValidationError as error:
         raise CliError("The site speaks another version of Muster; use the command that came with it.") from error
 

@@ -1,6 +1,7 @@
 """What the command reads from the environment."""
 
 import os
+import shlex
 from functools import cached_property
 from pathlib import Path
 
@@ -48,6 +49,11 @@ def read_site(path: Path) -> Site:
         return load_site(path)
     except SiteError as error:
         raise CliError(str(error), exit_code=2) from error
+
+
+def editor() -> list[str]:
+    """Return the command that opens the user's editor."""
+    return shlex.split(os.environ.get("VISUAL") or os.environ.get("EDITOR") or "vi")
 
 
 def inherited_environment() -> dict[str, str]:

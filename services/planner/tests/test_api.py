@@ -207,3 +207,33 @@ async def _is(http: httpx.AsyncClient, path: str, value: object) -> bool:
 
 async def _counted(planner: Planner) -> bool:
     return 'muster_planner_instructions_total{outcome="planned"} 1.0' in (await planner.http.get("/metrics")).text
+
+
+async def test_robots_are_stopped_and_released_each_or_all(shared_router: RouterProcess) -> None:
+    """The answer says per robot what is known; a robot that does not exist is a 404."""
+    async with running_planner(shared_router, FunctionModel(lambda _: DRIVE)) as planner:
+        answer = await planner.http.post("/stop")
+        assert answer.status_code == 200
+        assert answer.json()["site_stopped"]
+        assert set(answer.json()["robots"].values()) == {"was idle"}
+        answer = await planner.http.post("/robots/robot_excavator_01/stop")
+        assert answer.json()["robots"] == {"robot_excavator_01": "was idle"}
+        answer = await planner.http.post("/robots/robot_excavator_01/release")
+        assert answer.json()["robots"] == {"robot_excavator_01": "released"}
+        assert (await planner.http.post("/release")).status_code == 200
+        assert (await planner.http.post("/robots/robot_nobody/stop")).status_code == 404
+
+
+async def test_an_edit_of_a_plan_that_changed_meanwhile_is_refused(shared_router: RouterProcess) -> None:
+    """409 and nothing changes; with the revision of now it is taken."""
+    async with running_planner(shared_router, FunctionModel(lambda _: DRIVE)) as planner:
+        mission_id = await planner.send("go to the soil", approval="ask")
+        await planner.until(mission_id, MissionStatus.AWAITING_APPROVAL)
+        path = f"/missions/{mission_id}"
+        read = (await planner.http.get(path)).json()
+        now = read["plan_revision"]
+        stale = await planner.http.put(f"{path}/plan", params={"plan_revision": now + 1}, json=read["plan"])
+        assert stale.status_code == 409
+        taken = await planner.http.put(f"{path}/plan", params={"plan_revision": now}, json=read["plan"])
+        assert taken.status_code == 200
+        assert (await planner.http.post(f"{path}/approve", params={"plan_revision": now})).status_code == 409

@@ -10,9 +10,10 @@ from muster_bus import Bus, NoReplyError, RefusedError
 from muster_bus.testing import Process, RouterProcess, eventually, running_bus, service_process
 from muster_scheduler.testing import planned, yard_file
 from muster_scheduler.testing_agents import SimulatedAgent, crew
-from muster_schemas.channels import CONTROL, MISSION_STATE, MISSIONS, RULES, SUBMIT, TASK_STATE
-from muster_schemas.mission import MissionStatus, MissionView, TaskState
+from muster_schemas.channels import CONTROL, MISSION_STATE, MISSIONS, REPLAN, RULES, STOP, SUBMIT, TASK_STATE
+from muster_schemas.mission import MissionStatus, MissionView, TaskState, TaskStatus
 from muster_schemas.plan import Plan, PlanTask
+from muster_schemas.policies import FailurePolicy, Measure
 from muster_schemas.robot import SkillStatus, SkillStatusKind, TaskRef
 from muster_schemas.rpc import (
     ControlMission,
@@ -21,10 +22,13 @@ from muster_schemas.rpc import (
     MissionAction,
     MissionsQuery,
     MissionsReply,
+    ReplanMission,
+    ReplanReply,
     RulesQuery,
     SubmitMission,
 )
 from muster_schemas.site import load_site
+from muster_schemas.stops import NO_ANSWER, StopReply, StopRobots
 from muster_schemas.world import AreaRules
 
 SITE = load_site(yard_file())
@@ -291,3 +295,58 @@ async def test_a_mission_waits_for_its_planner_and_for_approval(site: Site) -> N
     with pytest.raises(RefusedError) as refused:
         await site.control(reply.mission_id, MissionAction.PAUSE)
     assert refused.value.error.code is ErrorCode.CONFLICT
+
+
+async def test_a_stop_is_answered_per_robot_and_outlives_the_scheduler(site: Site) -> None:
+    """At work, idle and silent robots are told apart; after kill -9 the scheduler goes on asking the silent one."""
+
+    async def stands(wanted: dict[str, str]) -> bool:
+        reply: StopReply = await site.bus.ask(STOP, StopRobots(), timeout_s=ASK_S)
+        return reply.site_stopped and wanted.items() <= reply.robots.items()
+
+    site.agents[E1].hold.clear()
+    site.agents[E2].deaf = True
+    mission_id = await site.submit(planned("dig", DIG, [E1]), planned("go", GO, [E1], after=["dig"], objects=["soil1"]))
+    await eventually(lambda: site.agents[E1].started)
+    await eventually(lambda: stands({E1: "stopped", T1: "was idle", E2: NO_ANSWER}), within_s=60)
+    await site.restart()
+    site.agents[E1].hold.set()
+    site.agents[E2].deaf = False
+
+    await eventually(lambda: stands({E1: "stopped", T1: "was idle", E2: "was idle"}), within_s=60)
+    assert site.agents[E2].stopped
+    with pytest.raises(RefusedError) as refused:
+        await site.bus.ask(STOP, StopRobots(robot_id=E1, stop=False), timeout_s=ASK_S)
+    assert refused.value.error.code is ErrorCode.CONFLICT
+    assert len(site.starts()) == 1
+    reply: StopReply = await site.bus.ask(STOP, StopRobots(stop=False), timeout_s=ASK_S)
+    assert not reply.site_stopped
+    view = await site.reaches(mission_id, MissionStatus.SUCCEEDED, MissionStatus.FAILED)
+    assert view.mission.state is MissionStatus.SUCCEEDED
+    assert set(site.starts()) == {1}
+
+
+async def test_the_planner_is_asked_for_the_rest_also_by_the_next_life(site: Site) -> None:
+    """A new plan that cannot run is refused by the gate; the question of a killed scheduler is asked again."""
+    asked: list[ReplanMission] = []
+
+    async def plan(question: ReplanMission) -> ReplanReply:
+        asked.append(question)
+        return ReplanReply(plan=Plan(tasks=(planned("again", DIG, [E2]),)))
+
+    policy = FailurePolicy(then=(Measure.REPLAN,))
+    site.agents[E1].fails = "nothing to dig"
+    dig = planned("dig", DIG, [E1]).model_copy(update={"on_failure": policy})
+    mission_id = await site.submit(dig)
+
+    async def waits() -> bool:
+        return any(w.startswith("replan: ") for w in (await site.view(mission_id)).tasks[0].waiting_for)
+
+    await eventually(waits, within_s=60)
+    await site.restart()
+    async with site.bus.serve(REPLAN, plan):
+        view = await site.reaches(mission_id, MissionStatus.SUCCEEDED, MissionStatus.FAILED)
+    assert view.mission.state is MissionStatus.SUCCEEDED
+    assert [t.state for t in view.tasks] == [TaskStatus.FAILED, TaskStatus.SUCCEEDED]
+    assert "nothing to dig" in asked[0].error
+    assert set(site.starts()) == {1}

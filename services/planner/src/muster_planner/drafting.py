@@ -83,6 +83,7 @@ async def draft_plan(
     limits: Limits = Limits(),
     accept: Accept = _accept_all,
     take_turn: TakeTurn = nullcontext,
+    background: str | None = None,
 ) -> Outcome:
     """Return a plan for the instruction that passed the gate and `accept`, or the reasons why there is none.
 
@@ -98,7 +99,9 @@ async def draft_plan(
         return spent.end(reasons=absent)
     while spent.attempts < ATTEMPTS and not spent.over:
         surroundings = scene.now()
-        request = surroundings.request(text, feedback, timeout_s=spent.time_left_s, max_tokens=spent.answer_tokens)
+        request = surroundings.request(
+            text, feedback, timeout_s=spent.time_left_s, max_tokens=spent.answer_tokens, background=background
+        )
         try:
             async with take_turn():
                 draft = await spent.call(model, request)

@@ -42,6 +42,8 @@ class PlanRequest:
     catalogue: Catalogue
     letters: Mapping[str, str] = field(default_factory=dict[str, str])
     """Robot type -> the letter that the site's file gives it (`E`); types may be missing."""
+    background: str | None = None
+    """What a model that reads more than an instruction should know, for the rest of a mission."""
     feedback: Feedback | None = None
     timeout_s: float = 60.0
     """An answer that takes longer is a `ModelTimeoutError`."""

@@ -17,12 +17,13 @@ from muster_bus import Bus, NoReplyError, RefusedError
 from muster_schemas.channels import MISSION_STATE
 from muster_schemas.mission import MissionState, MissionStatus, Reason
 from muster_schemas.plan import Plan
-from muster_schemas.rpc import ErrorCode
+from muster_schemas.rpc import ErrorCode, ReplanMission, ReplanReply
 
 from .drafting import Limits, Outcome, draft_plan
 from .instructions import InstructionError, clean_instruction
 from .llm import PlanningModel
 from .metrics import Metrics
+from .replanning import background, rest_in_words
 from .scheduler import Scheduler
 from .site_view import SiteView
 from .turns import Turns
@@ -61,6 +62,7 @@ class Pipeline:
         self._delivering: set[str] = set()
         self._done: OrderedDict[str, int] = OrderedDict()
         """mission id -> its newest revision when its planning ended"""
+        self._replans: dict[tuple[str, str, int], asyncio.Task[ReplanReply]] = {}
         self._dry_runs = 0
         self._tasks: asyncio.TaskGroup | None = None
 
@@ -115,6 +117,29 @@ class Pipeline:
             self._count()
         self._metrics.planned(outcome)
         return outcome
+
+    async def replan(self, question: ReplanMission) -> ReplanReply:
+        """Plan the rest of a mission anew; the same question again waits for the same answer."""
+        key = (question.mission_id, question.task_id, question.number)
+        if key not in self._replans:
+            self._replans[key] = asyncio.create_task(self._plan_rest(question), name=f"replan {key}")
+            self._replans[key].add_done_callback(lambda _: self._replans.pop(key, None))
+        return await asyncio.shield(self._replans[key])
+
+    async def _plan_rest(self, question: ReplanMission) -> ReplanReply:
+        await self._view.gathered()
+        there = self._view.now()
+        outcome = await draft_plan(
+            rest_in_words(question, there.roster, there.catalogue),
+            self._model,
+            self._view,
+            limits=self._limits,
+            take_turn=partial(self._turn, question.priority),
+            background=background(question),
+        )
+        self._metrics.planned(outcome)
+        _log.info("replanned", mission_id=question.mission_id, reasons=[r.code for r in outcome.reasons])
+        return ReplanReply(plan=outcome.plan, reasons=outcome.reasons)
 
     async def run(self) -> None:
         """Work until cancelled."""

@@ -47,7 +47,7 @@ def messages(request: PlanRequest) -> list[dict[str, str]]:
     """Return the chat: who is where, the rules, the instruction, and for a repair what was wrong."""
     chat = [
         {"role": "system", "content": _system(request)},
-        {"role": "user", "content": f"Instruction: {request.text}"},
+        {"role": "user", "content": "\n\n".join(filter(None, (f"Instruction: {request.text}", request.background)))},
     ]
     feedback = request.feedback
     if feedback is not None:

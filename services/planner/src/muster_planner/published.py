@@ -19,5 +19,8 @@ def published_form(plan: Plan) -> dict[str, Any]:
             written["robot_ids"] = list(function.robot_ids)
         written["dependencies"] = list(function.dependencies)
         written["object_keywords"] = list(function.object_keywords)
-        tasks.append({"task": task.task, "instruction_function": written})
+        entry: dict[str, Any] = {"task": task.task, "instruction_function": written}
+        if task.on_failure is not None:
+            entry["on_failure"] = task.on_failure.model_dump(mode="json", exclude_none=True)
+        tasks.append(entry)
     return {"tasks": tasks}

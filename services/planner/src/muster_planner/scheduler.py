@@ -1,7 +1,7 @@
 """What the planner asks of the scheduler."""
 
 from muster_bus import Bus, NoReplyError, RefusedError
-from muster_schemas.channels import CONTROL, MISSIONS, SUBMIT
+from muster_schemas.channels import CONTROL, MISSIONS, STOP, SUBMIT
 from muster_schemas.mission import MissionStatus, MissionView, Reason
 from muster_schemas.plan import Plan
 from muster_schemas.rpc import (
@@ -13,6 +13,7 @@ from muster_schemas.rpc import (
     MissionsReply,
     SubmitMission,
 )
+from muster_schemas.stops import StopReply, StopRobots
 
 _SUBMIT_TRIES = 3
 
@@ -43,15 +44,24 @@ class Scheduler:
                 return reply
         raise AssertionError("unreachable: the last try returns or raises")
 
-    async def act(self, mission_id: str, action: MissionAction) -> ControlReply:
-        """Do one thing with a mission."""
-        request = ControlMission(mission_id=mission_id, action=action)
+    async def act(
+        self, mission_id: str, action: MissionAction, task_id: str | None = None, plan_revision: int | None = None
+    ) -> ControlReply:
+        """Do one thing with a mission, or about one of its tasks."""
+        request = ControlMission(mission_id=mission_id, action=action, task_id=task_id, plan_revision=plan_revision)
         reply: ControlReply = await self._bus.ask(CONTROL, request, timeout_s=_ACT_S)
         return reply
 
-    async def set_plan(self, mission_id: str, plan: Plan) -> ControlReply:
-        """Give a mission its plan; the gate's reasons come back in the refusal."""
-        request = ControlMission(mission_id=mission_id, action=MissionAction.SET_PLAN, plan=plan)
+    async def stop(self, robot_id: str | None, *, stop: bool) -> StopReply:
+        """Stop or release a robot, or all."""
+        reply: StopReply = await self._bus.ask(STOP, StopRobots(robot_id=robot_id, stop=stop), timeout_s=_ACT_S)
+        return reply
+
+    async def set_plan(self, mission_id: str, plan: Plan, plan_revision: int | None = None) -> ControlReply:
+        """Give a mission its plan, or one edited from a revision; the gate's reasons come back in the refusal."""
+        request = ControlMission(
+            mission_id=mission_id, action=MissionAction.SET_PLAN, plan=plan, plan_revision=plan_revision
+        )
         reply: ControlReply = await self._bus.ask(CONTROL, request, timeout_s=_SET_PLAN_S)
         return reply
 

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 import structlog
 import uvicorn
 from muster_bus import Bus
+from muster_schemas.channels import REPLAN
 from muster_schemas.site import load_site
 
 from .api.app import create_app
@@ -65,7 +66,7 @@ async def serve_model(
             timeout_graceful_shutdown=_CLOSE_S,
         )
     )
-    async with asyncio.TaskGroup() as tasks:
+    async with asyncio.TaskGroup() as tasks, bus.serve(REPLAN, pipeline.replan):
         working = [tasks.create_task(view.run(), name="view"), tasks.create_task(pipeline.run(), name="pipeline")]
         serving = tasks.create_task(server.serve(sockets=[listening]), name="http")
         _log.info("listening", host=settings.host, port=listening.getsockname()[1], planner=settings.planner)

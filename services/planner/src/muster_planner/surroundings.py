@@ -38,10 +38,19 @@ class Surroundings:
             classes=object_classes(site),
         )
 
-    def request(self, text: str, feedback: Feedback | None, *, timeout_s: float, max_tokens: int) -> PlanRequest:
+    def request(
+        self,
+        text: str,
+        feedback: Feedback | None,
+        *,
+        timeout_s: float,
+        max_tokens: int,
+        background: str | None = None,
+    ) -> PlanRequest:
         """Return the request to a model for an instruction here."""
         return PlanRequest(
             text=text,
+            background=background,
             roster=self.roster,
             objects=self.objects,
             catalogue=self.catalogue,

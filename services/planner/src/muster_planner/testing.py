@@ -23,6 +23,7 @@ from muster_schemas.channels import (
     ROBOT_ALIVE,
     ROBOT_CARD,
     SERVICE_ALIVE,
+    STOP,
     SUBMIT,
 )
 from muster_schemas.gate import check_plan
@@ -40,6 +41,7 @@ from muster_schemas.rpc import (
     SubmitMission,
 )
 from muster_schemas.site import load_site
+from muster_schemas.stops import StopReply, StopRobots
 from muster_schemas.world import MapObject
 
 from .llm import PlanDraft, PlanRequest
@@ -123,9 +125,11 @@ class Missions:
             MissionAction.PAUSE: (MissionStatus.RUNNING,),
             MissionAction.RESUME: (MissionStatus.PAUSED,),
             MissionAction.CANCEL: tuple(s for s in MissionStatus if not s.ended),
-        }[request.action]
+        }.get(request.action, ())
         if view.mission.state not in allowed:
             raise Refusal.because(ErrorCode.CONFLICT, f"The mission is {view.mission.state}.")
+        if request.plan_revision not in (None, view.mission.plan_revision):
+            raise Refusal.because(ErrorCode.CONFLICT, "The plan has changed meanwhile.")
         if request.plan is not None:
             self._check(request.plan)
         after = {
@@ -140,10 +144,23 @@ class Missions:
             MissionAction.CANCEL: MissionStatus.CANCELLED,
         }[request.action]
         mission = view.mission.model_copy(
-            update={"state": after, "revision": view.mission.revision + 1, "reasons": request.reasons}
+            update={
+                "state": after,
+                "revision": view.mission.revision + 1,
+                "plan_revision": view.mission.plan_revision + (request.plan is not None),
+                "reasons": request.reasons,
+            }
         )
         self._publish(MissionView(mission=mission, plan=request.plan or view.plan))
         return await self._reply(request.mission_id)
+
+    async def stop(self, request: StopRobots) -> StopReply:
+        """Have every robot that is meant obey at once."""
+        known = [request.robot_id] if request.robot_id else [r.id for r in YARD.robots]
+        if not {r.id for r in YARD.robots} >= set(known):
+            raise Refusal.because(ErrorCode.NOT_FOUND, f"There is no robot {request.robot_id}.")
+        word = "was idle" if request.stop else "released"
+        return StopReply(site_stopped=request.stop and request.robot_id is None, robots=dict.fromkeys(known, word))
 
     async def read(self, query: MissionsQuery) -> MissionsReply:
         """Return missions, newest first."""
@@ -193,6 +210,7 @@ async def missions_side(bus: Bus) -> AsyncGenerator[Missions]:
         bus.serve(SUBMIT, missions.submit),
         bus.serve(CONTROL, missions.control),
         bus.serve(MISSIONS, missions.read),
+        bus.serve(STOP, missions.stop),
         bus.alive(SERVICE_ALIVE, service="scheduler", boot_id="boot-1"),
     ):
         yield missions

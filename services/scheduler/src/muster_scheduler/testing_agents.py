@@ -60,6 +60,8 @@ class SimulatedAgent:
         self.unacked: dict[TaskRef, SkillStatus] = {}
         self.stop: StopRequest | None = None
         """The newest stop order."""
+        self.fails: str | None = None
+        """Why its skills fail, if they shall."""
         self.deaf = False
         """Whether it leaves stop orders unanswered."""
         self._last: dict[TaskRef, SkillStatus] = {}
@@ -183,7 +185,7 @@ class SimulatedAgent:
             self._pose = request.goals[-1]
         self.log.append((time.monotonic(), "end", request))
         self._running.pop(request.ref, None)
-        self._end(request, SkillStatusKind.SUCCEEDED)
+        self._end(request, SkillStatusKind.FAILED if self.fails else SkillStatusKind.SUCCEEDED, self.fails)
 
     def _word(self, request: SkillRequest, kind: SkillStatusKind, reason: str | None = None) -> SkillStatus:
         known = self._last.get(request.ref)

@@ -9,7 +9,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from muster_planner.metrics import Metrics
 
-from . import missions, operations, site
+from . import control, missions, operations, site
 from .parts import Parts
 from .problems import ProblemDetails, add_handlers
 from .security import OPEN_PATHS, BodyLimit, Guard
@@ -33,7 +33,7 @@ def create_app(parts: Parts, *, token: str | None, loopback: bool) -> FastAPI:
         title="Muster planner", version=version("muster-planner"), description=_ABOUT, docs_url=None, redoc_url=None
     )
     app.state.parts = parts
-    for router in (missions.router, site.router, operations.router):
+    for router in (missions.router, control.router, site.router, operations.router):
         app.include_router(router)
     add_handlers(app)
     # the last one added is the first that a request meets

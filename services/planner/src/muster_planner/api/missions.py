@@ -22,6 +22,10 @@ from .views import Accepted, Controlled, DryRun, Instruction, MissionDetails, Mi
 router = APIRouter(tags=["missions"])
 
 MissionId = Annotated[Id, Path(description="as `POST /instructions` answered it")]
+PlanRevision = Annotated[
+    int | None,
+    Query(ge=0, description="`plan_revision` of the mission as it was read; refused (409) if the plan changed since"),
+]
 IdempotencyKey = Annotated[
     str | None,
     Header(
@@ -90,22 +94,29 @@ async def get_mission(request: Request, mission_id: MissionId) -> MissionDetails
 @router.put(
     "/missions/{mission_id}/plan", summary="Edit a plan", responses=documented(400, 401, 404, 409, 413, 422, 503)
 )
-async def put_plan(request: Request, mission_id: MissionId, plan: Plan) -> Controlled:
-    """Replace the plan of a mission that awaits approval; the new one must pass the same gate."""
-    mission = (await _found(request, mission_id)).mission
-    if mission.state is not MissionStatus.AWAITING_APPROVAL:
+async def put_plan(
+    request: Request, mission_id: MissionId, plan: Plan, plan_revision: PlanRevision = None
+) -> Controlled:
+    """Replace the plan of a mission that awaits approval; the new one must pass the same gate.
+
+    In a running mission whose new plan for the rest awaits approval, it is that one that is replaced.
+    """
+    view = await _found(request, mission_id)
+    mission = view.mission
+    if mission.state is not MissionStatus.AWAITING_APPROVAL and not view.proposals:
         detail = f"The mission is {mission.state}; only a plan that awaits approval can be edited."
         raise ProblemError(409, "conflict", detail)
-    return Controlled.of(await parts_of(request).scheduler.set_plan(mission_id, plan))
+    return Controlled.of(await parts_of(request).scheduler.set_plan(mission_id, plan, plan_revision))
 
 
 _ACTION = documented(401, 404, 409, 422, 503)
 
 
 @router.post("/missions/{mission_id}/approve", summary="Approve the plan", responses=_ACTION)
-async def approve(request: Request, mission_id: MissionId) -> Controlled:
+async def approve(request: Request, mission_id: MissionId, plan_revision: PlanRevision = None) -> Controlled:
     """Let a mission that awaits approval run."""
-    return Controlled.of(await _act(request, mission_id, MissionAction.APPROVE))
+    reply = await parts_of(request).scheduler.act(mission_id, MissionAction.APPROVE, plan_revision=plan_revision)
+    return Controlled.of(reply)
 
 
 @router.post("/missions/{mission_id}/reject", summary="Reject the plan", responses=_ACTION)

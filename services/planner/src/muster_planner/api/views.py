@@ -94,11 +94,15 @@ class MissionDetails(BaseModel):
     text: str
     priority: int
     approval: Approval
-    reasons: list[Reason] = Field(description="why it was rejected or failed")
+    reasons: list[Reason] = Field(description="why it waits for approval, was rejected, or failed")
+    plan_revision: int = Field(description="of its plan, for an edit")
     created_at: float
     started_at: float | None
     ended_at: float | None
     plan: dict[str, Any] | None
+    proposals: dict[str, dict[str, Any]] = Field(
+        description="new plans for the rest that await approval, by the task that failed"
+    )
     tasks: list[TaskView]
 
     @classmethod
@@ -107,6 +111,7 @@ class MissionDetails(BaseModel):
         return cls(
             **view.mission.model_dump(),
             plan=published_form(view.plan) if view.plan else None,
+            proposals={task_id: published_form(plan) for task_id, plan in view.proposals.items()},
             tasks=[TaskView.of(t) for t in view.tasks],
         )
 
