@@ -59,7 +59,7 @@ def edit_in_editor(api: OperatorApi, mission_id: str, console: Console) -> None:
             if console.is_interactive and Confirm.ask("Edit it again?", console=console, default=True):
                 continue
             raise CliError(
-                f"Nothing was changed. Your edit is in {kept}; mend it and say `muster edit {mission_id} --file {kept}`."
+                f"Nothing was changed. It is kept: `muster edit {mission_id} --file {kept}` sends it again."
             ) from error
         kept.unlink()
         console.print(f"{mission_id}: the plan is replaced; it still awaits approval", highlight=False)
