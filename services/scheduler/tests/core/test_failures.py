@@ -38,10 +38,10 @@ def with_policy(task: PlanTask, **policy: Any) -> PlanTask:
     return task.model_copy(update={"on_failure": FailurePolicy(**policy)})
 
 
-def branches() -> tuple[PlanTask, ...]:
+def branches(*after: str) -> tuple[PlanTask, ...]:
     """Return a dig with something after it, and a drive beside them."""
     return (
-        planned("dig", DIG, [E1]),
+        planned("dig", DIG, [E1], after=after),
         planned("dump", DUMP, [E1], after=["dig"]),
         planned("beside", GO, [T1], objects=["soil1"]),
     )
@@ -129,7 +129,7 @@ def test_a_lost_robots_work_goes_to_another_after_the_sites_patience() -> None:
 def test_the_rest_is_planned_anew_and_other_branches_go_on() -> None:
     """The planner is told what was done, what failed and why; finished tasks stay, and the mission succeeds."""
     yard = site_with(Measure.REPLAN)
-    mission = yard.submit(planned("go", GO, [E1], objects=["soil1"]), *branches())
+    mission = yard.submit(planned("go", GO, [E1], objects=["soil1"]), *branches("go"))
     yard.finish(mission.tasks["t1"])
     dig = mission.tasks["t2"]
     fail(yard, dig, "nothing to dig")

@@ -89,6 +89,7 @@ def _reassign(turn: Turn, mission: Mission, task: Task) -> bool:
         if len(able) < selector.count:
             return False
     mission.barred[selector.name] = barred
+    turn.state.agenda.missions[mission.mission_id] = None
     mission.bound.pop(selector.name, None)
     _make_ready(turn, task)
     for other in (task, *same):

@@ -59,10 +59,8 @@ def _reasons_of_waiting(task: Task) -> tuple[str, ...]:
 
 
 def _reasons_of_ready(turn: Turn, mission: Mission, task: Task) -> tuple[str, ...]:
-    if mission.state is MissionStatus.PAUSED:
-        return ("resume",)
-    if task.awaits is not None:
-        return (f"{task.awaits}: {task.error}",)
+    if mission.state is MissionStatus.PAUSED or task.awaits is not None:
+        return ("resume" if task.awaits is None else f"{task.awaits}: {task.error}",)
     if task.missing:
         return tuple(f"object: {o}" for o in sorted(task.missing))
     if task.hold_until is not None and task.hold_until > turn.now:
