@@ -9,7 +9,7 @@ from muster_bus import RefusedError
 from muster_bus.testing import RouterProcess, eventually, running_bus, service_process
 from muster_scheduler.testing import planned, yard_file
 from muster_scheduler.testing_agents import crew
-from muster_schemas.channels import SUBMIT
+from muster_schemas.channels import SUBMIT, Channel
 from muster_schemas.plan import Plan
 from muster_schemas.rpc import ControlReply, ErrorCode, SubmitMission
 from muster_schemas.site import load_site
@@ -71,7 +71,7 @@ MALFORMED: dict[str, Any] = {
 
 async def test_no_malformed_plan_reaches_a_robot(router: RouterProcess, tmp_path: Path) -> None:
     """Each is refused with what is wrong; the first request that any robot gets is of the good plan after them."""
-    loose = replace(SUBMIT, model=Anything)
+    loose: Channel[Any] = replace(SUBMIT, model=Anything)
     env = {"MUSTER_DATA_DIR": str(tmp_path)}
     async with (
         running_bus(router) as bus,
