@@ -48,7 +48,8 @@ def main() -> None:
 
     async def serve(bus: Bus, stop: asyncio.Event) -> None:
         make_snapshot = partial(snapshot_elsewhere, settings.environment())
-        await Shell(bus, site, core, journal, make_snapshot).run(stop, Policy(failures=site.failures, approval=site.approval))
+        policy = Policy(failures=site.failures, approval=site.approval)
+        await Shell(bus, site, core, journal, make_snapshot).run(stop, policy)
 
     run("scheduler", settings, serve)
 
