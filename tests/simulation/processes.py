@@ -18,12 +18,13 @@ from muster_robot_agent.core import Attempt
 from muster_robot_agent.following import follow_site
 from muster_robot_agent.history import History as NoHistory
 from muster_robot_agent.surroundings import SiteView
+from muster_scheduler.compaction import snapshot
 from muster_scheduler.core.events import Policy
 from muster_scheduler.core.invariants import validate
 from muster_scheduler.engine import Engine, replay
 from muster_scheduler.journal import Journal
 from muster_scheduler.shell import Shell
-from muster_scheduler.storage.port import EventRow, JournalUnavailableError
+from muster_scheduler.storage.port import EventRow, JournalUnavailableError, SnapshotRow
 from muster_scheduler.storage.sqlite import SqliteStore
 from muster_schemas.ids import new_boot_id
 from muster_schemas.site import Site
@@ -171,8 +172,16 @@ class SchedulerProcess(Process):
         core = replay(self._journal)
         validate(core.state)
         async with sole(real, Identity("service", "scheduler")):
-            self._shell = Shell(real, self.site, core, self._journal)
+            self._shell = Shell(real, self.site, core, self._journal, self._make_snapshot)
             await self._shell.run(asyncio.Event(), POLICY)
+
+    async def _make_snapshot(self) -> SnapshotRow:
+        """As `muster_scheduler.compaction`, which is a process of its own and only reads."""
+        journal = Journal(SqliteStore.read(self.folder, self.site.name))
+        try:
+            return snapshot(journal)
+        finally:
+            journal.close()
 
     def release(self) -> None:
         """Close the files."""
