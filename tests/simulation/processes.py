@@ -21,8 +21,9 @@ from muster_robot_agent.surroundings import SiteView
 from muster_scheduler.compaction import snapshot
 from muster_scheduler.core.events import Policy
 from muster_scheduler.core.invariants import validate
-from muster_scheduler.engine import Engine, replay
+from muster_scheduler.engine import Engine
 from muster_scheduler.journal import Journal
+from muster_scheduler.recovery import replay
 from muster_scheduler.shell import Shell
 from muster_scheduler.storage.port import EventRow, JournalUnavailableError, SnapshotRow
 from muster_scheduler.storage.sqlite import SqliteStore
