@@ -34,6 +34,7 @@ def test_objects_that_the_words_name_and_the_map_lacks_are_looked_for(text: str,
     [
         ("Drive truck 1 to puddle 7.", ["puddle 7"]),
         ("the third soil pile, digger 2", ["soil 3"]),
+        ("1) all trucks keep off the rock\n2) truck 1 to the rock\n3) truck 1 tips", []),
         ("Soil heap no. 9 and obstacles 1 and 4", ["obstacle 4", "soil 9"]),
         ("Excavator four digs", ["excavator 4"]),
         ("EX-5 and DT7 home", ["dump truck 7", "excavator 5"]),

@@ -19,7 +19,7 @@ _OTHER_WORDS: Final[Mapping[str, tuple[str, ...]]] = {
 }
 """What people call the paper's machines, beside the name of the type."""
 
-_HEAP: Final = r"(?:[\s-]*(?:pile|heap|mound|patch|area|site|spot|zone))?"
+_HEAP: Final = r"(?:[ \t-]*(?:pile|heap|mound|patch|area|site|spot|zone))?"
 _ONE: Final = rf"(?:\d{{1,3}}|{'|'.join(_CARDINALS)})\b"
 _COUNTED: Final = (
     r"(?!\s*(?:m|metres?|meters?|cm|km|min|minutes?|s|sec|seconds?|hours?|h|times|x|loads?|buckets?|%|[.,:]\d)\b"
@@ -52,7 +52,8 @@ def numbers_of(text: str, kinds: Iterable[str], *, robots: bool) -> Iterator[tup
     said = text.lower()
     for kind in kinds:
         words = "|".join(_words(kind))
-        named = rf"{_HEAP}[\s_-]*(?:no\.?|number|nr\.?|#)?[\s_-]*"
+        # On one line: the next one may begin with the number of a list
+        named = rf"{_HEAP}[ \t_-]*(?:no\.?|number|nr\.?|#)?[ \t_-]*"
         after = rf"(?<![a-z])(?:{words})s?{named}(?P<list>{_ROBOTS if robots else _PLACES})"
         before = rf"\b(?P<ordinal>\d{{1,3}}(?:st|nd|rd|th)|{'|'.join(_ORDINALS)})\s+(?:{words})\b"
         for match in re.finditer(after, said):

@@ -10,7 +10,7 @@ from .network import MOST_CHOICES, START, Floats, Memory, Network
 from .scene import Scene
 
 BEAMS = 4
-SURE = 0.7
+SURE = 0.8
 """How likely it must be that an instruction is to be refused; a good one that is refused costs more than a bad plan,
 which the gate or a person may still stop."""
 
