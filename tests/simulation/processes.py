@@ -5,6 +5,7 @@ import contextlib
 import contextvars
 import shutil
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -39,7 +40,7 @@ POLICY: Final = Policy(
 )
 
 
-class Process:
+class Process(ABC):
     """One place for a process, with one life after the other."""
 
     def __init__(self, network: Network, name: str, folder: Path) -> None:
@@ -121,10 +122,11 @@ class Process:
     def _excused(self, error: BaseException) -> bool:
         return self.disk_full and isinstance(_inner(error), agent_journal.JournalError | JournalUnavailableError)
 
+    @abstractmethod
     async def main(self, bus: SimulatedBus) -> None:
         """Do what the program's own `main` does."""
-        raise NotImplementedError
 
+    @abstractmethod
     def release(self) -> None:
         """Give back what the system takes from a process that has gone."""
 

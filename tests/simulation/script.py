@@ -1,6 +1,7 @@
 """What happens to a site in one run: steps drawn from a seed, which can be cut down to the few that matter."""
 
 import random
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
@@ -20,14 +21,14 @@ HORIZON_S: Final = 24.0
 
 
 @dataclass(frozen=True)
-class Step:
+class Step(ABC):
     """Something that happens at a moment."""
 
     at: float
 
+    @abstractmethod
     def happen(self, yard: Yard) -> None:
         """Do it."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True)

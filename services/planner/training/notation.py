@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 _STEP = re.compile(r"(\d+) (\w+) ([^@<]+?)(?: @ ([^<]+?))?(?: < ([\d ]+))?$")
-_LINE = re.compile(r"[a-z]+ (\w+) ([^@<]+?)(?: @ ([^<]+?))?(?: < ([a-z ]+))?$")
 
 
 @dataclass(frozen=True)
@@ -74,43 +73,3 @@ def canonical(steps: Sequence[Step]) -> tuple[Step, ...]:
         robots = tuple(sorted(set(steps[old].robots)))
         result.append(replace(steps[old], robots=robots, before=before - implied))
     return tuple(result)
-
-
-def parse_compact(text: str) -> tuple[Step, ...]:
-    """Read lines as the model says them.
-
-    Raises:
-        ValueError: a line does not have that form.
-
-    """
-    steps: list[Step] = []
-    for line in text.splitlines():
-        match = _LINE.fullmatch(line)
-        if match is None:
-            raise ValueError(f"line {line!r}")
-        before = frozenset(_LETTERS.index(b) for b in (match[4] or "").split())
-        steps.append(Step(match[1], tuple(match[2].split()), tuple((match[3] or "").split()), before))
-    return tuple(steps)
-
-
-def letter(n: int) -> str:
-    """Return the label of line n (from 0): a .. z, aa, ab, ..."""
-    return (letter(n // 26 - 1) if n >= 26 else "") + chr(ord("a") + n % 26)
-
-
-def compact(answer: Answer) -> str:
-    """Return the answer as the model says it."""
-    if isinstance(answer, Refusal):
-        return f"refuse {answer.reason}"
-    lines: list[str] = []
-    for n, step in enumerate(answer):
-        line = f"{letter(n)} {step.verb} {' '.join(step.robots)}"
-        if step.objects:
-            line += f" @ {' '.join(step.objects)}"
-        if step.before:
-            line += f" < {' '.join(letter(b) for b in sorted(step.before))}"
-        lines.append(line)
-    return "\n".join(lines)
-
-
-_LETTERS = [letter(n) for n in range(100)]

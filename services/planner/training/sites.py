@@ -50,17 +50,3 @@ class Site:
 
 YARD = Site()
 """The default site; most cases are about it."""
-
-
-def prefix(site: Site) -> str:
-    """Return the part of the prompt that is the same for all instructions of a site."""
-    lines = [f"{k.words} {' '.join(f'{k.letter}{n}' for n in k.numbers)}: {' '.join(k.verbs)}" for k in site.kinds]
-    return (
-        "<|im_start|>system\n" + "\n".join(lines) + f"\nall: {' '.join(site.common)}\n"
-        f"at: {' '.join(site.objects)}<|im_end|>\n<|im_start|>user\n"
-    )
-
-
-def question(text: str) -> str:
-    """Return the instruction's part of the prompt."""
-    return f"{text.strip()}<|im_end|>\n<|im_start|>assistant\n"

@@ -63,10 +63,6 @@ class SiteNames:
         """Return the skills of every robot, one a verb, in the catalogue's order (navigation and area rules)."""
         return tuple({s.verb: s for s in self.catalogue if not s.robot_types}.values())
 
-    def skills_of(self, kind: Kind) -> tuple[Skill, ...]:
-        """Return the skills behind a type's own verbs."""
-        return tuple(self.catalogue.by_verb[verb, False] for verb in kind.verbs)
-
     def _verbs(self, robot_type: str, roster: Sequence[RobotCard]) -> tuple[str, ...]:
         able = {name for c in roster if c.type == robot_type for name in c.skills}
         return tuple(s.verb for s in self.catalogue if s.name in able and s.robot_types and robot_type in s.robot_types)

@@ -9,6 +9,8 @@ an answer always has known robots, able ones, known objects, and waits for earli
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
+from muster_planner.plan_language import label
+
 from .scene import Item, ItemType, Scene
 
 REFUSALS = ("absent", "unable", "circular", "hijack", "nothing", "unclear")
@@ -128,16 +130,12 @@ class Writing:
         robots = [items[r] for r in line.robots]
         suffix = "*" if line.count is None else f":{line.count}"
         names = [f"{r.name}{suffix}" if r.type is ItemType.KIND else r.name for r in robots]
-        text = f"{_label(place)} {items[line.verb].name} {' '.join(names)}"
+        text = f"{label(place)} {items[line.verb].name} {' '.join(names)}"
         if line.objects:
             text += f" @ {' '.join(items[o].name for o in line.objects)}"
         if line.before:
-            text += f" < {' '.join(_label(b) for b in line.before)}"
+            text += f" < {' '.join(label(b) for b in line.before)}"
         return text
-
-
-def _label(place: int) -> str:
-    return chr(ord("a") + place)
 
 
 def choices_of(lines: Sequence[tuple[str, Sequence[str], Sequence[str], Iterable[int]]], scene: Scene) -> list[int]:
